@@ -1,0 +1,1 @@
+"""Instances, rivals, suites and the runner that compares solvers."""

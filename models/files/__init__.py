@@ -1,0 +1,1 @@
+"""One reader a road-file format; each gives roads and obstacles."""

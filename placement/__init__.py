@@ -1,0 +1,1 @@
+"""Where roadside cameras go: candidates, information, objectives, solvers, certificates."""

@@ -1,0 +1,54 @@
+"""A placement problem as solvers see it: an objective, constraints, and where candidates lie."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from models.geometry import FloatArray
+from placement.constraints import Constraints
+from placement.objectives.base import Objective
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Choose candidates to optimise `objective` under `constraints`.
+
+    `arc_length_m` (c,) places each candidate's mount along the path and `path_length_m` is the
+    path's length; both are needed by `uniform` alone and are None for bare information problems.
+    """
+
+    objective: Objective
+    constraints: Constraints
+    arc_length_m: FloatArray | None = None
+    path_length_m: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check that objective and constraints speak of the same candidates."""
+        if self.objective.n_candidates != self.constraints.n:
+            raise ValueError(
+                f"constraints cover {self.constraints.n} candidates, "
+                f"the objective {self.objective.n_candidates}"
+            )
+
+
+@dataclass(slots=True)
+class Run:
+    """The circumstances of one solve: randomness, the clock, and a line to whoever watches."""
+
+    rng: np.random.Generator
+    deadline: float = float("inf")  # time.monotonic() seconds
+    progress: Callable[[str, float | None], None] = field(default=lambda _text, _fraction: None)
+    incumbent: list[int] | None = None  # best placement so far, returned on interrupt
+    score_bound: float | None = None  # best bound so far, valid at any time
+
+    def remaining(self) -> float:
+        """Return the seconds left, never negative."""
+        return max(0.0, self.deadline - time.monotonic())
+
+    def out_of_time(self) -> bool:
+        """Return whether the time limit has passed."""
+        return time.monotonic() >= self.deadline
