@@ -91,10 +91,14 @@ class Constraints:
             found.append(f"{chosen.size} cameras exceed the budget of {self.budget}")
         groups = self.group[chosen]
         values, counts = np.unique(groups[groups >= 0], return_counts=True)
-        found += [f"mount {v} holds {c} cameras" for v, c in zip(values, counts, strict=True) if c > 1]
+        found += [
+            f"mount {v} holds {c} cameras" for v, c in zip(values, counts, strict=True) if c > 1
+        ]
         missing = np.setdiff1d(self.required, chosen)
         found += [f"required candidate {i} is missing" for i in missing]
-        found += [f"forbidden candidate {i} is selected" for i in np.intersect1d(self.forbidden, chosen)]
+        found += [
+            f"forbidden candidate {i} is selected" for i in np.intersect1d(self.forbidden, chosen)
+        ]
         return found
 
 
