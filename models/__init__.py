@@ -1,1 +1,1 @@
-"""What the world does: roads, cameras, their errors, vehicles, filters. Knows nothing of optimisation."""
+"""What the world does: roads, cameras, errors, vehicles, filters; nothing of optimisation."""

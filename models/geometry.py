@@ -53,7 +53,8 @@ class Pose:
         """Map child-frame points (..., 2) to the parent frame."""
         c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
         rotation = np.array([[c, -s], [s, c]])
-        return np.asarray(points_m) @ rotation.T + np.array([self.x_m, self.y_m])
+        moved: FloatArray = np.asarray(points_m) @ rotation.T + np.array([self.x_m, self.y_m])
+        return moved
 
 
 def frozen(array: NDArray[np.generic]) -> NDArray[np.generic]:

@@ -68,7 +68,7 @@ class Constraints:
         return mask
 
     def addable(self, selected: IntArray) -> BoolArray:
-        """Mark the candidates (n,) that may join `selected` now (all False once the budget is used)."""
+        """Mark the candidates (n,) that may join `selected` now; none once the budget is used."""
         mask = np.zeros(self.n, dtype=np.bool_)
         if len(selected) >= self.budget:
             return mask

@@ -43,4 +43,4 @@ class Information:
     @property
     def isotropic(self) -> bool:
         """Whether each block is one number times the identity."""
-        return self.blocks.shape[1] == 1
+        return int(self.blocks.shape[1]) == 1

@@ -64,7 +64,7 @@ class Objective(Protocol):
 
 @runtime_checkable
 class Relaxable(Protocol):
-    """An objective whose score extends to a concave function of fractional choices x in [0, 1]^c."""
+    """An objective whose score extends concavely to fractional choices x in [0, 1]^c."""
 
     def relaxed(self, x: FloatArray) -> tuple[float, FloatArray]:
         """Return the extended score and its gradient (c,) at `x` (c,).
