@@ -1,0 +1,50 @@
+"""Write files whole or not at all."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+Content = str | bytes | Callable[[Path], object]
+
+
+def prepare_folder(folder: Path) -> None:
+    """Make `folder` and prove that it can be written, before any long work starts.
+
+    Raises:
+        ValueError: naming the folder and the reason, if it cannot.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise ValueError(
+            f"--out must be a folder that can be written, got {folder} ({reason})"
+        ) from None
+
+
+def write_files(folder: Path, contents: Mapping[str, Content]) -> None:
+    """Write every file of `contents` (name → text, bytes, or a function that writes a path).
+
+    All of them are staged beside their destination first, so an error or an interrupt while
+    they are made leaves `folder` as it was; only then is each moved into place, atomically.
+    """
+    prepare_folder(folder)
+    stage = Path(tempfile.mkdtemp(prefix=".staging-", dir=folder))
+    try:
+        for name, content in contents.items():
+            path = stage / name
+            if callable(content):
+                content(path)
+            elif isinstance(content, bytes):
+                path.write_bytes(content)
+            else:
+                path.write_text(content, encoding="utf-8")
+        for name in contents:
+            (stage / name).replace(folder / name)
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
