@@ -1,0 +1,1 @@
+"""Instances that solve by name: a TOML file each, read as `placement solve NAME`."""

@@ -1,0 +1,71 @@
+"""What the schema knows and the program does not do yet: refused by name.
+
+Whoever builds one of these deletes its row. Nothing else keeps a list.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from placement.instance.messages import shown
+from placement.instance.schema import Document
+
+
+@dataclass(frozen=True, slots=True)
+class Later:
+    """A value that is refused for now: the key, a test on its value, what to do instead."""
+
+    key: str
+    refuses: Callable[[object], bool]
+    instead: str
+
+
+def _given(value: object) -> bool:
+    return bool(value)
+
+
+def _ends(*suffixes: str) -> Callable[[object], bool]:
+    return lambda value: isinstance(value, str) and value.lower().endswith(suffixes)
+
+
+def _is(word: str) -> Callable[[object], bool]:
+    return lambda value: value == word
+
+
+LATER = (
+    Later("road.construct", _given, "give road.pieces or road.file"),
+    Later("road.file", _ends(".xodr"), "give a .csv centre line"),
+    Later("road.file", _ends(".net.xml", ".net.xml.gz"), "give a .csv centre line"),
+    Later("road.file", _ends(".osm", ".osm.pbf", ".pbf"), "give a .csv centre line"),
+    Later("road.file", _ends(".geojson", ".json"), "give a .csv centre line"),
+    Later("mounts.file", _given, "leave it out: poles stand every mounts.spacing_m"),
+    Later("obstacles.polygons", _given, "leave it out: nothing blocks a view"),
+    Later("obstacles.file", _given, "leave it out: nothing blocks a view"),
+    Later("camera.projection", _is("stereographic"), 'use "pinhole"'),
+    Later("camera.projection", _is("equidistant"), 'use "pinhole"'),
+    Later("camera.distortion", lambda v: v != (0.0, 0.0, 0.0, 0.0), "leave it out"),
+    Later("errors.model", _is("ellipse"), 'use "radius"'),
+    Later("errors.model", _is("covariance"), 'use "radius"'),
+    Later("objective.kind", _is("entropy"), 'use "localisation"'),
+    Later("objective.kind", _is("trace"), 'use "localisation"'),
+    Later("objective.kind", _is("final_entropy"), 'use "localisation"'),
+    Later("objective.kind", _is("tolerance"), 'use "localisation"'),
+    Later("objective.kind", _is("kalman_gain"), 'use "localisation"'),
+    Later("objective.drives", _given, "leave it out: one car drives the road once"),
+    Later("budget.separation_m", _given, "leave it out, or space the mounts wider"),
+    Later("budget.failures", _given, "leave it out: no camera fails"),
+)
+
+
+def refusals(document: Document) -> list[str]:
+    """List, one line each, what `document` asks for that is not built yet."""
+    found = []
+    values = document.model_dump(by_alias=True)
+    for row in LATER:
+        section, key = row.key.split(".")
+        value = values[section][key]
+        if value is not None and row.refuses(value):
+            what = f" = {shown(value)}" if isinstance(value, str | float | int) else ""
+            found.append(f"{row.key}{what} is not supported yet: {row.instead}")
+    return found

@@ -1,0 +1,209 @@
+"""Instances from TOML files, from dictionaries, and by the names of those that are shipped."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import tomllib
+from collections.abc import Mapping
+from copy import deepcopy
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from importlib.metadata import entry_points
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from placement.instance.later import refusals
+from placement.instance.messages import InstanceError, describe
+from placement.instance.schema import (
+    BudgetSection,
+    CameraSection,
+    Document,
+    ErrorsSection,
+    MountsSection,
+    ObjectiveSection,
+    ObstaclesSection,
+    RoadSection,
+    VehicleSection,
+)
+
+ENTRY_POINT_GROUP = "placement.instances"
+FILE_KEYS = (("road", "file"), ("mounts", "file"), ("obstacles", "file"))
+
+
+@dataclass(frozen=True, slots=True)
+class Instance:
+    """A checked instance: its tables as attributes, and where its relative files lie.
+
+    `files` maps each key that names a file (`road.file`) to the file's absolute path.
+    """
+
+    name: str
+    folder: Path
+    document: Document
+    files: Mapping[str, Path]
+
+    @property
+    def road(self) -> RoadSection:
+        """The `[road]` table."""
+        return self.document.road
+
+    @property
+    def mounts(self) -> MountsSection:
+        """The `[mounts]` table."""
+        return self.document.mounts
+
+    @property
+    def camera(self) -> CameraSection:
+        """The `[camera]` table."""
+        return self.document.camera
+
+    @property
+    def errors(self) -> ErrorsSection:
+        """The `[errors]` table."""
+        return self.document.errors
+
+    @property
+    def obstacles(self) -> ObstaclesSection:
+        """The `[obstacles]` table."""
+        return self.document.obstacles
+
+    @property
+    def vehicle(self) -> VehicleSection:
+        """The `[vehicle]` table."""
+        return self.document.vehicle
+
+    @property
+    def objective(self) -> ObjectiveSection:
+        """The `[objective]` table."""
+        return self.document.objective
+
+    @property
+    def budget(self) -> BudgetSection:
+        """The `[budget]` table."""
+        return self.document.budget
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what the file said, defaults left out, for `instance_from_dict` to read back."""
+        return self.document.model_dump(mode="json", by_alias=True, exclude_unset=True)
+
+    def changed(self, changes: Mapping[str, Any]) -> Instance:
+        """Return this instance with dotted keys replaced: `changed({"budget.cameras": 5})`.
+
+        Raises:
+            InstanceError: if the changed instance is not a valid one.
+        """
+        data = self.as_dict()
+        for key, value in changes.items():
+            *tables, last = key.split(".")
+            table = data
+            for name in tables:
+                table = table.setdefault(name, {})
+            table[last] = value
+        return instance_from_dict(data, folder=self.folder, name=self.name)
+
+    def sha256(self) -> str:
+        """Hash what the instance means: every key, defaults filled in, and its files' bytes.
+
+        Neither the layout of the TOML file nor the place where a referenced file lies matters.
+        """
+        content = self.document.model_dump(mode="json", by_alias=True)
+        for section, key in FILE_KEYS:
+            path = self.files.get(f"{section}.{key}")
+            if path is not None:
+                digest = hashlib.sha256(path.read_bytes()).hexdigest()
+                content[section][key] = {"suffix": path.suffix, "sha256": digest}
+        text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+def load_instance(path_or_name: str | Path) -> Instance:
+    """Read a TOML file, or the shipped instance of that name.
+
+    A word without a dot or a slash is a name, unless such a file exists.
+
+    Raises:
+        InstanceError: one line a problem, each naming the file, the field, what was wanted and
+            what came.
+    """
+    path = Path(path_or_name)
+    text = str(path_or_name)
+    if not path.is_file() and re.fullmatch(r"[\w-]+", text):
+        shipped = shipped_instances()
+        if text not in shipped:
+            names = ", ".join(sorted(shipped)) or "none"
+            raise InstanceError([f"no instance is named {text} (shipped: {names})"])
+        with resources.as_file(shipped[text]) as file:
+            return _read(file.read_bytes(), text, file.parent, text)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InstanceError([f"{path}: cannot be read ({error.strerror or error})"]) from None
+    return _read(content, str(path), path.resolve().parent, path.stem)
+
+
+def instance_from_dict(
+    data: Mapping[str, Any], *, folder: str | Path = ".", name: str = "instance"
+) -> Instance:
+    """Check `data`, laid out as an instance file is; relative files lie in `folder`.
+
+    Raises:
+        InstanceError: one line a problem.
+    """
+    try:
+        document = Document.model_validate(deepcopy(dict(data)))
+    except ValidationError as error:
+        raise InstanceError(describe(error, Document)) from None
+    files = _files(document, Path(folder).resolve())
+    problems = refusals(document)
+    problems += [
+        f'{key} must name a readable file, got "{path}"'
+        for key, path in files.items()
+        if not path.is_file()
+    ]
+    if problems:
+        raise InstanceError(problems)
+    return Instance(name, Path(folder).resolve(), document, files)
+
+
+@cache
+def shipped_instances() -> dict[str, Traversable]:
+    """Find the TOML files of every package that offers instances, by name.
+
+    A package offers them through the entry point group `placement.instances`, so that this
+    package need not import those that stand on it.
+    """
+    found: dict[str, Traversable] = {}
+    for entry in entry_points(group=ENTRY_POINT_GROUP):
+        for file in resources.files(entry.value).iterdir():
+            if file.name.endswith(".toml"):
+                found[file.name.removesuffix(".toml")] = file
+    return found
+
+
+def _read(content: bytes, source: str, folder: Path, name: str) -> Instance:
+    try:
+        data = tomllib.loads(content.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise InstanceError([f"must be UTF-8 text, got byte {error.start}"], source) from None
+    except tomllib.TOMLDecodeError as error:
+        raise InstanceError([f"not TOML: {_one_line(error)}"], source) from None
+    try:
+        return instance_from_dict(data, folder=folder, name=name)
+    except InstanceError as error:
+        raise InstanceError(error.problems, source) from None
+
+
+def _one_line(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    return text[:1].lower() + text[1:]
+
+
+def _files(document: Document, folder: Path) -> dict[str, Path]:
+    named = {f"{s}.{k}": getattr(getattr(document, s), k) for s, k in FILE_KEYS}
+    return {key: folder / value for key, value in named.items() if value is not None}

@@ -1,0 +1,248 @@
+"""Every key of an instance file, with its default and what is impossible for it."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+
+from placement.instance.values import (
+    LOOSE,
+    NOT_EMPTY_NOR_REPEATING,
+    NotNegative,
+    NumberOrPair,
+    Pair,
+    Positive,
+    Section,
+    interval,
+    refuse,
+)
+
+Side = Literal["left", "right"]
+ProjectionName = Literal["pinhole", "stereographic", "equidistant"]
+ErrorModelName = Literal["radius", "ellipse", "covariance"]
+ProfileName = Literal["dissertation", "car", "robot"]
+WeightName = Literal["position", "lateral"]
+ObjectiveKind = Literal[
+    "localisation", "entropy", "trace", "final_entropy", "tolerance", "kalman_gain"
+]
+
+YawDeg = Annotated[float, interval(-360.0, 360.0)]
+PitchDeg = Annotated[float, interval(0.0, 90.0, ends="(]")]
+HeightM = Annotated[float, interval(0.0, 100.0, ends="(]")]
+FieldDeg = Annotated[float, interval(0.0, 360.0, ends="(]")]
+FieldsDeg = Annotated[tuple[FieldDeg, FieldDeg], LOOSE]
+PixelCount = Annotated[int, interval(1, 100_000)]
+Polygon = Annotated[tuple[Pair, ...], LOOSE]
+
+
+def _check_polygons(polygons: tuple[Polygon, ...]) -> tuple[Polygon, ...]:
+    for i, polygon in enumerate(polygons):
+        if len(set(polygon)) < 3:
+            raise refuse(
+                "must have at least 3 different corners", at=(i,), got=[list(p) for p in polygon]
+            )
+    return polygons
+
+
+Polygons = Annotated[tuple[Polygon, ...], LOOSE, AfterValidator(_check_polygons)]
+
+
+class PieceSection(Section):
+    """One piece of a road: its curvature is one number, or runs linearly from start to end."""
+
+    length: Positive
+    curvature: NumberOrPair = (0.0, 0.0)
+
+
+class ConstructSection(Section):
+    """A road to be chosen between two poses (x, y, heading_deg), around obstacles."""
+
+    start: Annotated[tuple[float, float, float], LOOSE]
+    goal: Annotated[tuple[float, float, float], LOOSE]
+    obstacles: Polygons = ()
+    min_radius_m: Positive = 20.0
+    clearance_m: NotNegative = 1.0
+
+
+class RoadSection(Section):
+    """Where the road runs: exactly one of `pieces`, `file` and `construct`.
+
+    `width_m` is edge to edge, and yields to the widths a file holds. `closed` joins the end to
+    the start; left out, pieces are open and a file says it itself, or by its end points.
+    """
+
+    pieces: Annotated[tuple[PieceSection, ...], LOOSE] | None = None
+    file: str | None = None
+    # pydantic's models have a method of the name `construct`; the file's key it is all the same.
+    constructed: ConstructSection | None = Field(default=None, alias="construct")
+    width_m: Positive = 3.0
+    sample_spacing_m: Positive = 1.0
+    closed: bool | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        ways = {"pieces": self.pieces, "file": self.file, "construct": self.constructed}
+        given = [key for key, value in ways.items() if value is not None]
+        if len(given) != 1:
+            raise refuse(
+                "must have exactly one of pieces, file and construct",
+                got=" and ".join(given) or "none of them",
+            )
+        if self.pieces is not None and not self.pieces:
+            raise refuse("must not be empty", at=("pieces",), got=[])
+        return self
+
+
+class MountsSection(Section):
+    """Where cameras may be put: poles every `spacing_m` on `sides`, or those of a file."""
+
+    spacing_m: Positive = 10.0
+    side_offset_m: NotNegative = 1.5
+    sides: Annotated[tuple[Side, ...], LOOSE, NOT_EMPTY_NOR_REPEATING] = ("left", "right")
+    height_m: Annotated[tuple[HeightM, ...], LOOSE, NOT_EMPTY_NOR_REPEATING] = (6.0,)
+    file: str | None = None
+
+
+class CameraSection(Section):
+    """The camera, and the poses a mount may give it: every yaw × pitch × field of view."""
+
+    projection: ProjectionName = "pinhole"
+    resolution_px: Annotated[tuple[PixelCount, PixelCount], LOOSE] = (2000, 1500)
+    yaw_deg: Annotated[tuple[YawDeg, ...], LOOSE, NOT_EMPTY_NOR_REPEATING] = tuple(
+        45.0 * i for i in range(8)
+    )
+    pitch_deg: Annotated[tuple[PitchDeg, ...], LOOSE, NOT_EMPTY_NOR_REPEATING] = (20.0, 35.0, 50.0)
+    fov_deg: Annotated[tuple[FieldsDeg, ...], LOOSE, NOT_EMPTY_NOR_REPEATING] = (
+        (45.0, 34.0),
+        (60.0, 45.0),
+        (90.0, 68.0),
+    )
+    distortion: Annotated[tuple[float, float, float, float], LOOSE] = (0.0, 0.0, 0.0, 0.0)
+    rate_hz: Positive = 10.0
+    max_range_m: Positive = 150.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        limit = {"pinhole": 180.0, "stereographic": 360.0, "equidistant": math.inf}[self.projection]
+        for i, fields in enumerate(self.fov_deg):
+            for j, angle in enumerate(fields):
+                if angle >= limit:
+                    raise refuse(
+                        f"must lie in (0, {limit:g}) for a {self.projection} camera",
+                        at=("fov_deg", i, j),
+                        got=angle,
+                    )
+        return self
+
+
+class ErrorsSection(Section):
+    """How well a camera measures: the 95 % figures are two standard deviations."""
+
+    model: ErrorModelName = "radius"
+    position_95_m: NotNegative = 0.03
+    orientation_95_deg: Annotated[float, interval(0.0, 90.0, ends="[)")] = 0.5
+    algorithm_95_px: Positive = 4.0
+    persistent: bool = True
+    report_limit_m: Positive = 2.0
+
+
+class ObstaclesSection(Section):
+    """What blocks a camera's view: prisms of one height, given here or in a file."""
+
+    polygons: Polygons = ()
+    height_m: Positive = 10.0
+    file: str | None = None
+
+
+class VehicleSection(Section):
+    """The car: its odometry by profile, by densities, or by the dissertation's four alphas.
+
+    Densities left out are those of `profile`.
+    """
+
+    profile: ProfileName = "car"
+    heading_deg_per_sqrt_m: NotNegative | None = None
+    along_m_per_sqrt_m: NotNegative | None = None
+    across_m_per_sqrt_m: NotNegative | None = None
+    alphas: Annotated[tuple[NotNegative, NotNegative, NotNegative, NotNegative], LOOSE] | None = (
+        None
+    )
+    speed_mps: Positive = 20.0
+    initial_sigma: Annotated[tuple[NotNegative, NotNegative, NotNegative], LOOSE] = (0.1, 0.1, 0.01)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        densities = {"heading_deg_per_sqrt_m", "along_m_per_sqrt_m", "across_m_per_sqrt_m"}
+        given = sorted(self.model_fields_set & (densities | {"profile"}))
+        if self.alphas is not None and given:
+            raise refuse("must not have both alphas and others", got=", ".join(["alphas", *given]))
+        return self
+
+
+class ObjectiveSection(Section):
+    """What is to be optimised; `weights` weigh the path's samples, one number each."""
+
+    kind: ObjectiveKind = "localisation"
+    weight: WeightName = "position"
+    weights: Annotated[tuple[NotNegative, ...], LOOSE] | None = None
+    tolerance_m: Positive = 0.29
+    prior_sigma_m: Positive = 0.5
+    drives: Annotated[tuple[str, ...], LOOSE] | None = None
+
+
+class PoseSelector(Section):
+    """Name poses by what is given: all poses of a mount, or those with this yaw, and so on."""
+
+    mount: Annotated[int, interval(0, math.inf)] | None = None
+    height_m: float | None = None
+    yaw_deg: float | None = None
+    pitch_deg: float | None = None
+    fov_deg: Pair | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not self.model_fields_set:
+            raise refuse("must give at least one of mount, height_m, yaw_deg, pitch_deg, fov_deg")
+        return self
+
+
+def _choice_kind(value: object) -> str:
+    return "<selector>" if isinstance(value, dict | PoseSelector) else "<index>"
+
+
+# Tagged by hand so that a bad entry gives one error, not one for each branch of the union.
+PoseChoice = Annotated[
+    Annotated[int, interval(0, math.inf), Tag("<index>")]
+    | Annotated[PoseSelector, Tag("<selector>")],
+    Discriminator(_choice_kind),
+]
+
+
+class BudgetSection(Section):
+    """How many cameras, and which poses must or must not be among them.
+
+    `required` and `forbidden` hold candidate indices or pose selectors. A required selector must
+    fit exactly one pose; a forbidden one forbids every pose it fits.
+    """
+
+    cameras: Annotated[int, interval(1, math.inf)] = 20
+    one_per_mount: bool = True
+    required: Annotated[tuple[PoseChoice, ...], LOOSE] = ()
+    forbidden: Annotated[tuple[PoseChoice, ...], LOOSE] = ()
+    separation_m: NotNegative = 0.0
+    failures: Annotated[int, interval(0, 1)] = 0
+
+
+class Document(Section):
+    """An instance file as a whole: every table has defaults but `road`."""
+
+    road: RoadSection
+    mounts: MountsSection = Field(default_factory=MountsSection)
+    camera: CameraSection = Field(default_factory=CameraSection)
+    errors: ErrorsSection = Field(default_factory=ErrorsSection)
+    obstacles: ObstaclesSection = Field(default_factory=ObstaclesSection)
+    vehicle: VehicleSection = Field(default_factory=VehicleSection)
+    objective: ObjectiveSection = Field(default_factory=ObjectiveSection)
+    budget: BudgetSection = Field(default_factory=BudgetSection)

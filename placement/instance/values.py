@@ -1,0 +1,73 @@
+"""The kinds of value an instance file may hold: intervals, tuples, and how they refuse."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Sequence
+from typing import Annotated, Any, TypeVar
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic_core import PydanticCustomError
+
+Number = float | int
+
+
+class Section(BaseModel):
+    """Be one table of an instance file: immutable, no unknown keys, no NaN, no guessed types."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+def refuse(wanted: str, *, at: Sequence[str | int] = (), got: Any = ...) -> PydanticCustomError:
+    """Make the error a validator raises: `wanted` reads on from the field's name.
+
+    `at` leads from the validated value to the part at fault, and `got` is that part.
+    """
+    context: dict[str, Any] = {"wanted": wanted, "at": tuple(at)}
+    if got is not ...:
+        context["got"] = got
+    return PydanticCustomError("instance", "{wanted}", context)
+
+
+def interval(low: float, high: float, *, ends: str = "[]") -> AfterValidator:
+    """Require a number between `low` and `high`; `ends` says which ends belong, as in `(]`."""
+
+    def check(value: Number) -> Number:
+        above = value > low or (ends[0] == "[" and value == low)
+        below = value < high or (ends[1] == "]" and value == high)
+        if above and below:
+            return value
+        if math.isinf(high):
+            raise refuse(f"must be {'at least' if ends[0] == '[' else 'greater than'} {low:g}")
+        raise refuse(f"must lie in {ends[0]}{low:g}, {high:g}{ends[1]}")
+
+    return AfterValidator(check)
+
+
+Item = TypeVar("Item", bound=Hashable)
+
+
+def _check_list(items: tuple[Item, ...]) -> tuple[Item, ...]:
+    if not items:
+        raise refuse("must not be empty")
+    for i, item in enumerate(items):
+        if item in items[:i]:
+            shown = list(item) if isinstance(item, tuple) else item
+            raise refuse("must differ from the entries before it", at=(i,), got=shown)
+    return items
+
+
+def _as_pair(value: Any) -> Any:
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return (value, value)
+    if not isinstance(value, list | tuple):
+        raise refuse("must be a number or an array of two")
+    return value
+
+
+NOT_EMPTY_NOR_REPEATING = AfterValidator(_check_list)
+LOOSE = Field(strict=False)  # a TOML array becomes a tuple; its items stay strict
+Positive = Annotated[float, interval(0.0, math.inf, ends="()")]
+NotNegative = Annotated[float, interval(0.0, math.inf, ends="[)")]
+Pair = Annotated[tuple[float, float], LOOSE]
+NumberOrPair = Annotated[tuple[float, float], LOOSE, BeforeValidator(_as_pair)]
