@@ -14,6 +14,7 @@ from models.closest import ClosestPoint
 from models.curves import ClothoidChain, Curve, SplineCurve
 from models.geometry import FloatArray, Pose
 
+MIN_STEP_M = 1e-6  # points closer than this count as equal: a curve through them would be noise
 _END_M = 1e-9  # how far beyond an open road's ends an arc length may lie (rounding)
 _CLOSING_M = 1e-6
 _CLOSING_RAD = 1e-6
@@ -280,7 +281,7 @@ def road_from_points(
 
     The curve goes through every point: nothing is smoothed. A closed road's first point is not
     repeated at the end. Refused: fewer than two points (three when closed), NaN, and neighbours
-    that coincide.
+    less than 1e-6 m apart.
     """
     points = np.array(points_m, dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 2:
@@ -293,12 +294,11 @@ def road_from_points(
         bad = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
         raise ValueError(f"points[{bad}] must be finite, got {tuple(points[bad].tolist())}")
     following = np.roll(points, -1, axis=0) if closed else points[1:]
-    equal = np.flatnonzero((points[: len(following)] == following).all(axis=1))
-    if len(equal):
-        i, j = int(equal[0]), (int(equal[0]) + 1) % len(points)
+    steps = np.hypot(*(following - points[: len(following)]).T)
+    for i in np.flatnonzero(steps <= MIN_STEP_M):
         raise ValueError(
-            f"points[{i}] and points[{j}] must differ, both are at "
-            f"({points[i, 0]:g}, {points[i, 1]:g})"
+            f"points[{i}] and points[{(i + 1) % len(points)}] must differ, "
+            f"both are at ({points[i, 0]:g}, {points[i, 1]:g})"
         )
     curve = SplineCurve(points - points[0], closed)
     widths = [
