@@ -57,6 +57,19 @@ def climb(problem: Problem, run: Run) -> tuple[State, UpperGains, bool]:
     return state, upper, False
 
 
+def best_addition(problem: Problem, state: State) -> int | None:
+    """Return the candidate that raises the score of `state` most, as `climb` would choose it.
+
+    The lowest index wins a tie; None if no candidate may join, or none that may helps.
+    """
+    candidates = np.flatnonzero(problem.constraints.addable(_array(state.selected)))
+    if not candidates.size:
+        return None
+    gains = state.gains(candidates)
+    best = float(np.max(gains))
+    return int(candidates[np.argmax(gains >= best * (1.0 - TIE))]) if best > 0.0 else None
+
+
 def tighten_bound(problem: Problem, run: Run, upper: UpperGains) -> None:
     """Improve `run.score_bound` from the state S behind `upper`, for submodular scores.
 
@@ -123,7 +136,11 @@ class UpperGains:
             selected, total = best_sum(problem.constraints, self.gains)
             if self._fresh[selected].all():
                 return total
+            # T itself is a placement, so nothing below its least true gain is of interest, and
+            # all above may be: two or three rounds, where T alone would take a hundred.
             self.refresh(selected)
+            least = np.min(self.gains[selected], where=self.gains[selected] > 0.0, initial=np.inf)
+            self.refresh(np.flatnonzero(self.gains >= least))
 
 
 def _array(selected: list[int]) -> IntArray:

@@ -1,0 +1,44 @@
+"""The baseline a planner would draw: cameras at equal spacing, each with its best pose."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from placement.problem import Problem, Run
+from placement.solution import Proposal, Status
+from placement.solvers.greedy import TIE
+
+
+def solve_uniform(problem: Problem, run: Run) -> Proposal:
+    """Spread the budget over the path: camera j of k aims for (j + ½)/k of its length.
+
+    Each takes the free mount nearest along the path to its place (either side, the earlier on a
+    tie) and there the pose with the greatest gain over the empty placement. Required cameras
+    stand in for the places nearest to them. Nothing is proven, nothing is optimised jointly.
+
+    Raises:
+        ValueError: where the candidates have no place along a road.
+    """
+    if problem.arc_length_m is None or problem.path_length_m is None:
+        raise ValueError(
+            "method 'uniform' needs candidates along a road, and this problem has none"
+        )
+    s = problem.arc_length_m
+    constraints = problem.constraints
+    alone = problem.objective.state().gains()
+    places = (np.arange(constraints.budget) + 0.5) / max(constraints.budget, 1)
+    places = places * problem.path_length_m
+    selected = [int(i) for i in np.unique(constraints.required)]
+    for candidate in selected:
+        places = np.delete(places, np.argmin(np.abs(places - s[candidate])))
+    run.incumbent = list(selected)
+    for place in places:
+        free = np.flatnonzero(constraints.addable(np.array(selected, dtype=np.int64)))
+        if run.out_of_time() or not free.size:
+            break
+        distance = np.abs(s[free] - place)
+        at_mount = free[s[free] == s[free][np.argmin(distance)]]
+        best = np.max(alone[at_mount])
+        selected.append(int(at_mount[np.argmax(alone[at_mount] >= best - TIE * abs(best))]))
+        run.incumbent = list(selected)
+    return Proposal(selected, None, Status.TIME_LIMIT if run.out_of_time() else Status.FEASIBLE)
