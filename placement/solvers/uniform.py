@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from placement.linear import best_sum
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
 from placement.solvers.greedy import TIE
@@ -26,8 +27,8 @@ def solve_uniform(problem: Problem, run: Run) -> Proposal:
     s = problem.arc_length_m
     constraints = problem.constraints
     alone = problem.objective.state().gains()
-    places = (np.arange(constraints.budget) + 0.5) / max(constraints.budget, 1)
-    places = places * problem.path_length_m
+    fitting, _ = best_sum(constraints, np.ones(constraints.n))  # a budget may exceed the mounts
+    places = (np.arange(fitting.size) + 0.5) / max(fitting.size, 1) * problem.path_length_m
     selected = [int(i) for i in np.unique(constraints.required)]
     for candidate in selected:
         places = np.delete(places, np.argmin(np.abs(places - s[candidate])))

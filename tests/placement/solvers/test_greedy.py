@@ -1,0 +1,66 @@
+"""Greedy's steps, its laziness and its bound."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from placement.constraints import count_only
+from placement.information import Information
+from placement.objectives.localisation import Localisation
+from placement.problem import Problem, Run
+from placement.solvers.greedy import climb
+
+Make = Callable[..., Any]
+
+
+def plain_greedy(problem: Problem) -> list[int]:
+    """Add the best camera by values from scratch, in the dullest way."""
+    selected = sorted(int(i) for i in problem.constraints.required)
+    while True:
+        here = problem.objective.value(np.array(selected, dtype=np.int64))
+        addable = np.flatnonzero(problem.constraints.addable(np.array(selected, dtype=np.int64)))
+        gains = {int(i): problem.objective.value(np.array([*selected, i])) - here for i in addable}
+        if not gains or max(gains.values()) <= 1e-12:
+            return selected
+        selected.append(max(gains, key=lambda i: gains[i]))
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_lazy_greedy_takes_the_steps_of_plain_greedy(seed: int, new_problem: Make) -> None:
+    problem = new_problem(
+        np.random.default_rng(seed),
+        n_candidates=150,  # more than a batch
+        n_samples=60,
+        budget=10,
+        groups=bool(seed % 2),
+        isotropic=seed % 3 == 0,
+        required=(17, 3) if seed % 2 else (),
+    )
+    state, upper, finished = climb(problem, Run(np.random.default_rng(0)))
+    assert finished
+    assert state.selected == plain_greedy(problem)
+    assert upper.evaluations < 150 * 11
+
+
+@pytest.mark.parametrize(("step", "winner"), [(1e-12, 0), (1e-6, 2)])
+def test_gains_apart_by_rounding_alone_go_to_the_lower_index(step: float, winner: int) -> None:
+    J = np.full((3, 1), 5.0, np.float32)
+    info = Information(3, np.arange(4), np.arange(3, dtype=np.int32), J)
+    f = Localisation(info, 0.5, [1.0, 1.0 - step, 1.0 + step])
+    run = Run(np.random.default_rng(0))
+    assert climb(Problem(f, count_only(3, 1)), run)[0].selected == [winner]
+
+
+def test_the_bound_is_exact_where_cameras_do_not_overlap() -> None:
+    n = 40
+    J = np.linspace(1.0, 9.0, n, dtype=np.float32)[:, None]
+    info = Information(n, np.arange(n + 1), np.arange(n, dtype=np.int32), J)
+    problem = Problem(Localisation(info, 0.5), count_only(n, 5))
+    run = Run(np.random.default_rng(0))
+    state, _, _ = climb(problem, run)
+    assert sorted(state.selected) == [35, 36, 37, 38, 39]
+    assert run.score_bound == pytest.approx(state.score, rel=1e-13)
