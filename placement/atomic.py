@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 Content = str | bytes | Callable[[Path], object]
@@ -27,11 +27,14 @@ def prepare_folder(folder: Path) -> None:
         ) from None
 
 
-def write_files(folder: Path, contents: Mapping[str, Content]) -> None:
+def write_files(
+    folder: Path, contents: Mapping[str, Content], *, remove: Iterable[str] = ()
+) -> None:
     """Write every file of `contents` (name → text, bytes, or a function that writes a path).
 
     All of them are staged beside their destination first, so an error or an interrupt while
     they are made leaves `folder` as it was; only then is each moved into place, atomically.
+    Files named in `remove` go just before, if they are there.
     """
     prepare_folder(folder)
     stage = Path(tempfile.mkdtemp(prefix=".staging-", dir=folder))
@@ -44,6 +47,8 @@ def write_files(folder: Path, contents: Mapping[str, Content]) -> None:
                 path.write_bytes(content)
             else:
                 path.write_text(content, encoding="utf-8")
+        for name in remove:
+            (folder / name).unlink(missing_ok=True)
         for name in contents:
             (stage / name).replace(folder / name)
     finally:

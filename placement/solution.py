@@ -20,6 +20,11 @@ class Status(StrEnum):
     INFEASIBLE = "infeasible"  # no placement obeys the constraints
     NUMERICAL_ERROR = "numerical_error"  # the method failed; there may be an incumbent
 
+    @property
+    def has_placement(self) -> bool:
+        """Whether a solution that ended so holds a placement to be relied on."""
+        return self not in (Status.INFEASIBLE, Status.NUMERICAL_ERROR)
+
 
 @dataclass(frozen=True, slots=True)
 class Proposal:

@@ -1,0 +1,113 @@
+"""The command line: parse, call, print. Other rooms add their commands through entry points."""
+
+from __future__ import annotations
+
+import os
+import sys
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+EXIT_BAD_INPUT = 2
+EXIT_UNSOLVED = 3
+
+app = typer.Typer(
+    name="placement",
+    help="Decide where roadside cameras go, prove how good it is, and check it in simulation.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no summary.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of everything random.")]
+Runs = Annotated[int, typer.Option(min=1, max=1_000_000, help="Closed-loop Monte Carlo runs.")]
+Plant = Annotated[str, typer.Option(help="The simulated car: kinematic or single-track.")]
+
+
+def main() -> None:
+    """Run the command line; bad input is one line on stderr and exit code 2."""
+    for entry in entry_points(group="placement.commands"):
+        entry.load()(app)
+    try:
+        app()
+    except (ValueError, OSError) as error:
+        if os.environ.get("PLACEMENT_DEBUG"):
+            raise
+        line = " ".join(str(error).split())
+        print(f"placement: {line}", file=sys.stderr)  # noqa: T201
+        sys.exit(EXIT_BAD_INPUT)
+    except KeyboardInterrupt:
+        print("placement: interrupted; nothing was written", file=sys.stderr)  # noqa: T201
+        sys.exit(EXIT_UNSOLVED)
+
+
+@app.command()
+def solve(
+    instance: Annotated[str, typer.Argument(help="A TOML file, or a shipped name: circuit, …")],
+    out: Annotated[Path, typer.Option(help="The folder the results go to.")],
+    method: Annotated[str, typer.Option(help="How to solve; `placement methods` lists them.")] = (
+        "auto"
+    ),
+    objective: Annotated[str | None, typer.Option(help="Instead of objective.kind.")] = None,
+    budget: Annotated[str | None, typer.Option(help="Instead of budget.cameras.")] = None,
+    time_limit: Annotated[float, typer.Option(help="Seconds the solver may take.")] = float("inf"),
+    seed: Seed = 0,
+    quiet: Quiet = False,
+) -> None:
+    """Choose cameras for INSTANCE and prove how good the choice is."""
+    from placement import commands
+
+    status = commands.solve_into(
+        out,
+        instance,
+        method=method,
+        objective=objective,
+        budget=budget,
+        time_limit_s=time_limit,
+        seed=seed,
+        quiet=quiet,
+    )
+    if not status.has_placement:
+        raise typer.Exit(EXIT_UNSOLVED)
+
+
+@app.command()
+def validate(
+    folder: Annotated[Path, typer.Argument(help="What `placement solve --out` wrote.")],
+    runs: Runs = 200,
+    seed: Seed = 0,
+    plant: Plant = "kinematic",
+    quiet: Quiet = False,
+) -> None:
+    """Drive the placement in FOLDER in a closed loop, many times, and record what happens."""
+    from placement import commands
+
+    commands.validate_in(folder, runs=runs, seed=seed, plant=plant, quiet=quiet)
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="The folder the results go to.")] = Path("out/demo"),
+    runs: Runs = 200,
+    seed: Seed = 0,
+    quiet: Quiet = False,
+) -> None:
+    """Solve and validate the embedded circuit, end to end."""
+    from placement import commands
+
+    status = commands.solve_into(out, "circuit", time_limit_s=60.0, seed=seed, quiet=quiet)
+    if not status.has_placement:
+        raise typer.Exit(EXIT_UNSOLVED)
+    commands.validate_in(out, runs=runs, seed=seed, plant="kinematic", quiet=quiet)
+
+
+@app.command()
+def methods() -> None:
+    """List the solution methods."""
+    from placement.solve import METHODS
+
+    for name, method in METHODS.items():
+        typer.echo(f"{name:12} {method.summary}")

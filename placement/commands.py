@@ -1,0 +1,181 @@
+"""What the command line's verbs do, from an instance to files in a folder."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from placement.atomic import Content, prepare_folder, write_files
+from placement.instance import load_instance
+from placement.solution import Solution, Status
+
+if TYPE_CHECKING:
+    from placement.assemble import Scene
+    from placement.prediction import Prediction
+    from placement.validation import Validation
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """A solution in its scene, with what is predicted of it and, once driven, what happened.
+
+    This is what every entry point of the group `placement.figures` is given; each returns
+    files (name → content) to lie beside the solution's own.
+    """
+
+    scene: Scene
+    solution: Solution
+    prediction: Prediction
+    validation: Validation | None = None
+
+
+def solve_into(
+    out: Path,
+    source: str,
+    *,
+    method: str = "auto",
+    objective: str | None = None,
+    budget: str | None = None,
+    time_limit_s: float = float("inf"),
+    seed: int = 0,
+    quiet: bool = False,
+) -> Status:
+    """Solve the instance `source` (a TOML file or a shipped name) and write the results to `out`.
+
+    Raises:
+        ValueError: for bad input; nothing is written then.
+    """
+    from placement.watch import watch
+
+    changes: dict[str, Any] = {}
+    if objective is not None:
+        changes["objective.kind"] = objective
+    if budget is not None:
+        changes["budget.cameras"] = _count(budget)
+    instance = load_instance(source)
+    if changes:
+        instance = instance.changed(changes)
+    prepare_folder(out)
+    with watch(quiet) as report:
+        report(f"computing the information of {instance.name}", None)
+        from placement.assemble import assemble
+        from placement.prediction import predict
+        from placement.solve import solve
+
+        scene = assemble(instance)
+        solution = solve(
+            scene.problem,
+            method,
+            time_limit_s=time_limit_s,
+            seed=seed,
+            progress=report,
+        )
+        report("writing", None)
+        prediction = None
+        if solution.status.has_placement:
+            prediction = predict(scene, solution.selected)
+        _write(out, scene, solution, prediction, None)
+    if not quiet:
+        _say(_solution_lines(solution, out))
+    return solution.status
+
+
+def validate_in(
+    folder: Path, *, runs: int, seed: int, plant: str = "kinematic", quiet: bool = False
+) -> None:
+    """Drive the placement in `folder` in a closed loop and add what happened to the folder.
+
+    Raises:
+        ValueError: for bad input; nothing is written then.
+    """
+    from placement.output import read_folder
+    from placement.watch import watch
+
+    stored = read_folder(folder)
+    prepare_folder(folder)
+    with watch(quiet) as report:
+        report(f"assembling {stored.instance.name}", None)
+        from placement.assemble import assemble
+        from placement.prediction import predict
+        from placement.validation import validate
+
+        scene = assemble(stored.instance)
+        solution = stored.solution(scene.problem)
+        started = time.monotonic()
+        validation = validate(
+            scene, solution.selected, runs=runs, seed=seed, plant=plant, progress=report
+        )
+        seconds = time.monotonic() - started
+        report("writing", None)
+        prediction = predict(scene, solution.selected)
+        _write(folder, scene, solution, prediction, validation)
+    if not quiet:
+        _say(_validation_lines(validation, runs, seconds, folder))
+
+
+def _write(
+    folder: Path,
+    scene: Scene,
+    solution: Solution,
+    prediction: Prediction | None,
+    validation: Validation | None,
+) -> None:
+    """Gather every file, ours and those that other rooms add, and write them in one go."""
+    from placement.output import solution_files, validation_files
+
+    files: dict[str, Content] = {}
+    if validation is None:
+        files |= solution_files(scene, solution, prediction)
+    else:
+        files |= validation_files(validation)
+    if prediction is not None:
+        result = Result(scene, solution, prediction, validation)
+        for entry in sorted(entry_points(group="placement.figures"), key=lambda e: e.name):
+            draw: Callable[[Result], dict[str, Content]] = entry.load()
+            files |= draw(result)
+    # A new solution makes an older one's simulation stale.
+    stale = ["validation.csv", "validation_summary.json"] if validation is None else []
+    write_files(folder, files, remove=stale)
+
+
+def _count(budget: str) -> int:
+    try:
+        return int(budget)
+    except ValueError:
+        raise ValueError(f"--budget must be a whole number of cameras, got {budget}") from None
+
+
+def _say(lines: list[str]) -> None:
+    for line in lines:
+        sys.stdout.write(line + "\n")
+
+
+def _solution_lines(solution: Solution, out: Path) -> list[str]:
+    if not solution.status.has_placement:
+        reason = solution.stats.get("reason") or solution.stats.get("error") or "no reason given"
+        return [f"{solution.method}: {solution.status} ({reason}); recorded in {out}"]
+    side = "at most" if solution.maximise else "at least"
+    bound = "no bound" if solution.bound is None else f"{side} {solution.bound:.6g} for any"
+    gap = "" if solution.gap is None else f", gap {100 * solution.gap:.3g} %"
+    return [
+        f"{solution.method}: {solution.status}, {len(solution.selected)} cameras, "
+        f"{solution.objective} {solution.value:.6g} {solution.unit} ({bound}{gap}) "
+        f"in {solution.seconds:.1f} s",
+        f"results in {out}",
+    ]
+
+
+def _validation_lines(validation: Validation, runs: int, seconds: float, folder: Path) -> list[str]:
+    lines = [f"{runs} closed-loop runs in {seconds:.1f} s; results in {folder}"]
+    for name, row in validation.summary["filters"].items():
+        lines.append(
+            f"{name}: rms error {row['simulated_rms_m']:.3f} m (predicted "
+            f"{row['predicted_rms_m']:.3f}), cross-track {row['cross_track_rms_m']:.3f} m, "
+            f"in tolerance {100 * row['lateral_within_tolerance']:.1f} %"
+        )
+    return lines

@@ -1,0 +1,235 @@
+"""The folder of a solution: what `solve` writes and `validate`, `verify` and reports read."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from models.projections import Projection
+from placement.assemble import Scene
+from placement.atomic import Content
+from placement.instance import Instance, InstanceError, instance_from_dict
+from placement.prediction import Prediction
+from placement.problem import Problem
+from placement.solution import Solution, Status
+from placement.validation import Validation
+
+PACKAGES = ("roadside-placement", "numpy", "scipy", "numba", "cvxpy-base", "clarabel", "highspy")
+
+
+@dataclass(frozen=True, slots=True)
+class Stored:
+    """What a solution folder holds: the instance as it was solved, and the selected candidates."""
+
+    instance: Instance
+    selected: tuple[int, ...]
+    record: Mapping[str, Any]
+
+    def solution(self, problem: Problem) -> Solution:
+        """Return the stored solution, its value recomputed; its bound is as recorded.
+
+        Raises:
+            ValueError: if the selection is not a placement of `problem`.
+        """
+        broken = problem.constraints.violations(self.selected)
+        if broken:
+            raise ValueError(f"solution.json: selected is not a placement: {'; '.join(broken)}")
+        objective = problem.objective
+        bound = self.record.get("upper_bound" if objective.maximise else "lower_bound")
+        return Solution(
+            objective=objective.name,
+            unit=objective.unit,
+            maximise=objective.maximise,
+            method=str(self.record["method"]),
+            status=Status(self.record["status"]),
+            selected=self.selected,
+            value=objective.value(np.array(self.selected, dtype=np.int64)),
+            bound=None if bound is None else float(bound),
+            seconds=float(self.record["seconds"]),
+            seed=int(self.record["seed"]),
+            stats=dict(self.record["stats"]),
+        )
+
+
+def solution_files(
+    scene: Scene, solution: Solution, prediction: Prediction | None
+) -> dict[str, Content]:
+    """Lay out the files of a solution; the tables only if there is a placement."""
+    files: dict[str, Content] = {
+        "instance.json": to_json(_instance_record(scene.instance)),
+        "solution.json": to_json(solution_record(scene, solution)),
+    }
+    if prediction is not None:
+        files["placements.csv"] = to_csv(cameras_table(scene, solution))
+        files["along_path.csv"] = to_csv(path_table(scene, solution, prediction))
+    return files
+
+
+def validation_files(validation: Validation) -> dict[str, Content]:
+    """Lay out the files of a validation."""
+    return {
+        "validation.csv": to_csv(validation.rows),
+        "validation_summary.json": to_json(validation.summary),
+    }
+
+
+def solution_record(scene: Scene, solution: Solution) -> dict[str, Any]:
+    """Return the content of `solution.json`; the bound is named for the side it is on."""
+    return {
+        "instance": scene.instance.name,
+        "objective": solution.objective,
+        "unit": solution.unit,
+        "method": solution.method,
+        "status": str(solution.status),
+        "value": solution.value,
+        "upper_bound" if solution.maximise else "lower_bound": solution.bound,
+        "gap": solution.gap,
+        "seconds": solution.seconds,
+        "budget": scene.problem.constraints.budget,
+        "candidates": scene.problem.constraints.n,
+        "selected": sorted(solution.selected),
+        "cameras": cameras_table(scene, solution).to_dict(orient="records"),
+        "stats": solution.stats,
+        "seed": solution.seed,
+        "versions": _versions(),
+        "instance_sha256": scene.instance.sha256(),
+    }
+
+
+def cameras_table(scene: Scene, solution: Solution) -> pd.DataFrame:
+    """Return one row a selected camera: where it stands, where it looks, how wide."""
+    chosen = np.array(sorted(solution.selected), dtype=np.int64)
+    cameras = scene.candidates.cameras.subset(chosen)
+    degrees = {
+        "yaw_deg": np.degrees(cameras.yaw_rad) % 360.0,
+        "pitch_deg": np.degrees(cameras.pitch_rad),
+        "hfov_deg": np.degrees(cameras.hfov_rad),
+        "vfov_deg": np.degrees(cameras.vfov_rad),
+    }
+    return pd.DataFrame(
+        {
+            "mount": scene.candidates.mount[chosen],
+            "x_m": cameras.x_m,
+            "y_m": cameras.y_m,
+            "height_m": cameras.height_m,
+            **{name: np.round(values, 9) for name, values in degrees.items()},
+            "projection": [Projection(int(kind)).name.lower() for kind in cameras.projection],
+        }
+    )
+
+
+def path_table(scene: Scene, solution: Solution, prediction: Prediction) -> pd.DataFrame:
+    """Return one row a path sample: where it is, and the error predicted for a car there."""
+    return pd.DataFrame(
+        {
+            "s_m": scene.points.s_m,
+            "x_m": scene.points.x_m,
+            "y_m": scene.points.y_m,
+            "curvature": scene.points.curvature,
+            "position_sigma_m": prediction.position_sigma_m,
+            "lateral_2sigma_m": 2.0 * prediction.lateral_sigma_m,
+            "cameras_seeing": cameras_seeing(scene, solution.selected),
+        }
+    )
+
+
+def cameras_seeing(scene: Scene, selected: tuple[int, ...]) -> np.ndarray[tuple[int], Any]:
+    """Count the selected cameras that see each path sample, (t,)."""
+    information = scene.information
+    rows = [
+        information.indices[information.indptr[i] : information.indptr[i + 1]] for i in selected
+    ]
+    seen = np.concatenate(rows) if rows else np.empty(0, dtype=np.int64)
+    counts: np.ndarray[tuple[int], Any] = np.bincount(seen, minlength=information.n_samples)
+    return counts
+
+
+def read_folder(folder: Path) -> Stored:
+    """Read back what `solve` wrote into `folder`, and check that its files still mean the same.
+
+    Raises:
+        ValueError: if there is no solution, it holds no placement, a file is damaged, or a file
+            that the instance refers to has changed since.
+    """
+    record = _read_json(folder / "solution.json", "what `placement solve --out` writes")
+    source = _read_json(folder / "instance.json", "what `placement solve --out` writes")
+    try:
+        instance = instance_from_dict(
+            source["instance"], folder=source["folder"], name=source["name"]
+        )
+        selected = tuple(int(i) for i in record["selected"])
+        claimed = record["instance_sha256"]
+    except InstanceError as error:
+        raise ValueError(f"{folder / 'instance.json'}: {error}") from None
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{folder}: not a solution folder ({error!r})") from None
+    if instance.sha256() != claimed:
+        raise ValueError(
+            f"{folder}: the instance or a file it refers to changed since it was solved"
+        )
+    if record.get("status") not in {str(s) for s in Status if s.has_placement}:
+        raise ValueError(f"{folder}: status is {record.get('status')}, so there is no placement")
+    return Stored(instance, selected, record)
+
+
+def to_json(record: Mapping[str, Any]) -> str:
+    """Write strict JSON: NumPy numbers as numbers, what is not finite as null."""
+    return json.dumps(_plain(record), indent=2, allow_nan=False) + "\n"
+
+
+def to_csv(table: pd.DataFrame) -> str:
+    """Write a table as CSV with enough digits to read back 1e-9 relative."""
+    text: str = table.to_csv(index=False, float_format="%.10g", lineterminator="\n")
+    return text
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _read_json(path: Path, wanted: str) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ValueError(f"{path} must be {wanted}; cannot be read ({error.strerror})") from None
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path} must be {wanted}; not JSON ({error})") from None
+    if not isinstance(content, dict):
+        raise ValueError(f"{path} must be {wanted}; got a {type(content).__name__}")
+    return content
+
+
+def _instance_record(instance: Instance) -> dict[str, Any]:
+    return {
+        "name": instance.name,
+        "folder": str(instance.folder),
+        "instance": instance.as_dict(),
+    }
+
+
+def _versions() -> dict[str, str]:
+    found = {}
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found

@@ -1,0 +1,89 @@
+"""The picture of a solution: the road with its cameras, and the error along it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from models.cameras import footprint_polygon
+from reports.style import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION, saved, style
+
+if TYPE_CHECKING:
+    from placement.atomic import Content
+    from placement.commands import Result
+
+# A footprint may reach the horizon; the picture cuts it where the car is no longer placed well.
+DRAWN_RANGE_M = 60.0
+
+
+def draw(result: Result) -> dict[str, Content]:
+    """Draw the map and the error profile of `result`: `map.png` and `map.svg`."""
+    with style():
+        figure = Figure(figsize=(8.0, 9.0))
+        upper, lower = figure.subplots(2, 1, height_ratios=(2.2, 1.0))
+        draw_map(upper, result)
+        draw_profile(lower, result)
+    return {"map.png": saved(figure, "png"), "map.svg": saved(figure, "svg")}
+
+
+def draw_map(axes: Axes, result: Result) -> None:
+    """Draw the road's edges, each camera, and the ground it sees."""
+    scene = result.scene
+    points = scene.points
+    left, right = scene.road.half_widths(points.s_m)
+    normal = np.column_stack((-np.sin(points.heading_rad), np.cos(points.heading_rad)))
+    edges = (points.xy + left[:, None] * normal, points.xy - right[:, None] * normal)
+    for edge in edges:
+        ring = np.vstack((edge, edge[:1])) if scene.road.closed else edge
+        axes.plot(ring[:, 0], ring[:, 1], color=BLACK, linewidth=0.6)
+    chosen = np.array(sorted(result.solution.selected), dtype=np.int64)
+    cameras = scene.candidates.cameras.subset(chosen)
+    reach = min(scene.instance.camera.max_range_m, DRAWN_RANGE_M)
+    for i in range(len(chosen)):
+        outline = footprint_polygon(cameras, i, reach)
+        if len(outline):
+            axes.fill(outline[:, 0], outline[:, 1], color=SKY, alpha=0.25, linewidth=0)
+    axes.plot(
+        cameras.x_m, cameras.y_m, "o", color=VERMILION, markersize=3.5, label="camera", zorder=3
+    )
+    axes.plot(points.x_m[0], points.y_m[0], ">", color=BLACK, markersize=5, label="start")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("east x (m)")
+    axes.set_ylabel("north y (m)")
+    axes.legend(loc="best")
+    solution = result.solution
+    gap = "" if solution.gap is None else f", gap {100 * solution.gap:.2g} %"
+    axes.set_title(
+        f"{scene.instance.name}: {len(chosen)} cameras by {solution.method}, "
+        f"{solution.objective} {solution.value:.5g} {solution.unit} ({solution.status}{gap})",
+        fontsize=9,
+    )
+
+
+def draw_profile(axes: Axes, result: Result) -> None:
+    """Draw predicted and simulated rms position error along the road, and where cameras stand."""
+    s = result.scene.points.s_m
+    axes.plot(
+        s, result.prediction.position_sigma_m, color=BLUE, label="predicted position error, rms"
+    )
+    if result.validation is not None:
+        profile = result.validation.profile
+        for (name, errors), colour in zip(
+            profile.position_rms_m.items(), (ORANGE, VERMILION), strict=False
+        ):
+            axes.plot(profile.s_m, errors, color=colour, linewidth=0.9, label=f"simulated, {name}")
+    mounts = result.scene.candidates.mount_s_m[
+        result.scene.candidates.mount[np.array(sorted(result.solution.selected), dtype=np.int64)]
+    ]
+    for k, at in enumerate(mounts):
+        axes.axvline(
+            at, color=GREY, linewidth=0.5, linestyle=":", label="camera" if not k else None
+        )
+    axes.set_xlabel("arc length s (m)")
+    axes.set_ylabel("error (m)")
+    axes.set_xlim(0.0, result.scene.road.length_m)
+    axes.set_ylim(bottom=0.0)
+    axes.legend(loc="upper left", fontsize=8)
