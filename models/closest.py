@@ -43,7 +43,7 @@ class ClosestPoint:
             owner, sample = self._near_anywhere(points_m)
         else:
             owner, sample = self._near(points_m, near_s_m, window_m)
-        owner, low, high = self._brackets(points_m, owner, sample)
+        owner, low, high = self._brackets(points_m, owner, sample, prune=near_s_m is None)
         s, stationary = self._descend(points_m[owner], low, high)
         if self.closed:
             s = np.mod(s, self.curve.length_m)
@@ -105,15 +105,18 @@ class ClosestPoint:
         return owner, index[owner, column]
 
     def _brackets(
-        self, points: FloatArray, owner: IntArray, sample: IntArray
+        self, points: FloatArray, owner: IntArray, sample: IntArray, *, prune: bool
     ) -> tuple[IntArray, FloatArray, FloatArray]:
-        """Return the half steps either side of each sample, less those that hold no minimum."""
+        """Return the half steps either side of each sample; `prune` those that hold no minimum.
+
+        In a window the least distance may lie at its end, where nothing is stationary: no pruning.
+        """
         at, s = cast("CurvePoints", self._at), cast("FloatArray", self._s_m)
         delta = 0.5 * self._step_m
         along, left = _along_and_left(points[owner], at, sample)
         # f' = −along, and f'' ≤ 1 + κ_max·d: too far along, and the half steps hold no root of f'.
         steepest = 1.0 + 1.1 * self._max_curvature * (np.hypot(along, left) + delta)
-        keep = np.abs(along) <= 1.05 * delta * steepest
+        keep = (np.abs(along) <= 1.05 * delta * steepest) | (not prune)
         if not self.closed:
             keep |= (sample == 0) | (sample == len(s) - 1)
         owner, sample, left = owner[keep], sample[keep], left[keep]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Protocol, cast
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -18,6 +18,7 @@ from models.geometry import FloatArray, IntArray, wrap_angle
 # Beyond this κ²/|κ'|, the Fresnel form loses κ²/(2κ') · 2e-16 of the length to cancellation;
 # Gauss–Legendre on the same integrand keeps every digit, as long as the piece is nearly an arc.
 _NEARLY_ARC = 1e3
+_MOST_TURN = 250.0  # rad, of half a piece: keeps the number of nodes in the hundreds
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +123,7 @@ def clothoid_displacement(
     bending = np.abs(r) * s * s > 1e-16  # less moves no end point by an ulp
     with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         near_arc = bending & ((k * k > _NEARLY_ARC * np.abs(r)) | (np.abs(r) * s * s < 1e-3))
+        near_arc &= np.abs(half_turn) < _MOST_TURN  # a road has no business there
     if near_arc.any():
         x[near_arc], y[near_arc] = _by_quadrature(s[near_arc], k[near_arc], r[near_arc])
     euler = bending & ~near_arc
@@ -153,8 +155,8 @@ def _by_quadrature(s: FloatArray, k: FloatArray, r: FloatArray) -> tuple[FloatAr
     return 0.5 * s * (np.cos(angle) @ weights), 0.5 * s * (np.sin(angle) @ weights)
 
 
-_GAUSS_NODES, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(10)
-_CHECK_NODES, _CHECK_WEIGHTS = np.polynomial.legendre.leggauss(6)
+_FINE = np.polynomial.legendre.leggauss(8)
+_ROUGH = np.polynomial.legendre.leggauss(5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,15 +166,19 @@ class SplineCurve:
     Closed curves are periodic (the first point is not repeated), open ones end “not-a-knot”; two
     points give a line, three a parabola. The frame's origin is the first point. Nothing is
     smoothed: the curve goes through every point, and its curvature shows the points' noise.
+
+    The parameter is cut into cells short enough that Gauss–Legendre quadrature gives their lengths
+    to 1e-11 m; within a cell the curve is a cubic about the cell's start.
     """
 
     points_m: FloatArray
     closed: bool
     knots_s_m: FloatArray = field(init=False)  # (n,) arc lengths of the points
-    _spline: CubicSpline[np.float64] = field(init=False, repr=False)
-    _u: FloatArray = field(init=False, repr=False)  # cells fine enough for the quadrature
-    _s_m: FloatArray = field(init=False, repr=False)
-    _heading_rad: FloatArray = field(init=False, repr=False)
+    _s_m: FloatArray = field(init=False, repr=False)  # (cells + 1,)
+    _heading_rad: FloatArray = field(init=False, repr=False)  # (cells + 1,)
+    _speed: FloatArray = field(init=False, repr=False)  # (cells + 1,) |dr/du|
+    _size: FloatArray = field(init=False, repr=False)  # (cells,) of the parameter
+    _cubic: FloatArray = field(init=False, repr=False)  # (4, 2, cells), highest power first
 
     def __post_init__(self) -> None:
         """Fit the spline and measure its length, cell by cell."""
@@ -181,21 +187,19 @@ class SplineCurve:
             points = np.concatenate((points, points[:1]))
         knots = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))))
         spline = CubicSpline(knots, points, bc_type="periodic" if self.closed else "not-a-knot")
-        u = _cells(spline, knots)
-        s = np.concatenate(
-            ([0.0], np.cumsum(_lengths(spline, u[:-1], u[1:], _GAUSS_NODES, _GAUSS_WEIGHTS)))
-        )
+        u, cubic, lengths = _cut_into_cells(spline, knots)
+        s = np.concatenate(([0.0], np.cumsum(lengths)))
         at_knots = s[np.searchsorted(u, knots)]
         velocity = spline(u, 1)
         for name, value in (
-            ("_spline", spline),
-            ("_u", u),
+            ("knots_s_m", at_knots[:-1] if self.closed else at_knots),
             ("_s_m", s),
             ("_heading_rad", np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))),
-            ("knots_s_m", at_knots[:-1] if self.closed else at_knots),
+            ("_speed", np.hypot(velocity[:, 0], velocity[:, 1])),
+            ("_size", np.diff(u)),
+            ("_cubic", cubic),
         ):
-            if isinstance(value, np.ndarray):
-                value.flags.writeable = False
+            value.flags.writeable = False
             object.__setattr__(self, name, value)
 
     @property
@@ -205,63 +209,77 @@ class SplineCurve:
 
     @property
     def max_abs_curvature(self) -> float:
-        """Return the largest |κ| over the quadrature cells' ends and middles."""
-        u = np.concatenate((self._u, 0.5 * (self._u[1:] + self._u[:-1])))
-        return float(np.max(np.abs(_curvature(self._spline(u, 1), self._spline(u, 2)))))
+        """Return the largest |κ| over nine places in each cell."""
+        w = np.linspace(0.0, 1.0, 9)[:, None] * self._size
+        return float(np.max(np.abs(_curvature(self._cubic, w))))
 
     def evaluate(self, s_m: FloatArray) -> CurvePoints:
         """Return position, heading and curvature at arc lengths (t,) within [0, length]."""
-        cell = np.clip(np.searchsorted(self._s_m, s_m, side="right") - 1, 0, len(self._u) - 2)
-        u = self._parameter(np.asarray(s_m, dtype=np.float64), cell)
-        position, velocity = self._spline(u), self._spline(u, 1)
+        cell = np.clip(np.searchsorted(self._s_m, s_m, side="right") - 1, 0, len(self._size) - 1)
+        w = self._parameter(s_m, cell)
+        cubic = self._cubic[:, :, cell]
+        x, y = ((cubic[0] * w + cubic[1]) * w + cubic[2]) * w + cubic[3]
+        vx, vy = _velocity(cubic, w)
         base = self._heading_rad[cell]
         return CurvePoints(
-            x_m=np.ascontiguousarray(position[..., 0]),
-            y_m=np.ascontiguousarray(position[..., 1]),
-            heading_rad=base + wrap_angle(np.arctan2(velocity[..., 1], velocity[..., 0]) - base),
-            curvature=_curvature(velocity, self._spline(u, 2)),
+            x_m=x,
+            y_m=y,
+            heading_rad=base + wrap_angle(np.arctan2(vy, vx) - base),
+            curvature=_curvature(cubic, w),
         )
 
     def _parameter(self, s_m: FloatArray, cell: IntArray) -> FloatArray:
-        """Invert s(u) by Newton's method within the cell, to 1e-12 of a metre or so."""
-        u0, u1, s0 = self._u[cell], self._u[cell + 1], self._s_m[cell]
-        u = u0 + (u1 - u0) * (s_m - s0) / (self._s_m[cell + 1] - s0)
+        """Invert the arc length within the cells: a cubic guess, then Newton's method to 1e-12."""
+        cubic, size, s = self._cubic[:, :, cell], self._size[cell], s_m - self._s_m[cell]
+        length = self._s_m[cell + 1] - self._s_m[cell]
+        f = s / length
+        start, end = length / self._speed[cell], length / self._speed[cell + 1]
+        w = f * (1 - f) * ((1 - f) * start - f * end) + f * f * (3 - 2 * f) * size
         for _ in range(12):
-            error = _lengths(self._spline, u0, u, _GAUSS_NODES, _GAUSS_WEIGHTS) - (s_m - s0)
-            step = error / _speed(self._spline, u)
-            u = np.clip(u - step, u0, u1)
-            if np.max(np.abs(error), initial=0.0) < 1e-12 * max(1.0, self.length_m * 1e-3):
+            error = _lengths(cubic, w, _FINE) - s
+            w = np.clip(w - error / np.hypot(*_velocity(cubic, w)), 0.0, size)
+            # Newton squares the error, relative to the cell: what is left is below rounding.
+            if np.all(np.abs(error) <= 1e-7 * length):
                 break
-        return u
+        return w
 
 
-def _cells(spline: CubicSpline[Any], knots: FloatArray) -> FloatArray:
-    """Halve the knots' intervals until two quadratures agree on each one's length."""
+def _cut_into_cells(
+    spline: CubicSpline[Any], knots: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Halve the knots' intervals until two quadratures agree on each one's length.
+
+    Returns the cells' ends (cells + 1,), their cubics (4, 2, cells) and their lengths (cells,).
+    """
     u = np.unique(np.concatenate((knots, 0.5 * (knots[1:] + knots[:-1]))))
-    tolerance = 1e-14 * knots[-1]
-    for _ in range(12):
-        fine = _lengths(spline, u[:-1], u[1:], _GAUSS_NODES, _GAUSS_WEIGHTS)
-        rough = _lengths(spline, u[:-1], u[1:], _CHECK_NODES, _CHECK_WEIGHTS)
-        bad = np.abs(fine - rough) > np.maximum(tolerance, 1e-11)
+    for _ in range(20):
+        cubic = np.stack(
+            [spline(u[:-1], order).T / math.factorial(order) for order in (3, 2, 1, 0)]
+        )
+        lengths = _lengths(cubic, np.diff(u), _FINE)
+        doubt = np.abs(lengths - _lengths(cubic, np.diff(u), _ROUGH))
+        bad = doubt > np.maximum(1e-11, 1e-15 * knots[-1])
         if not bad.any():
             break
         u = np.unique(np.concatenate((u, 0.5 * (u[1:] + u[:-1])[bad])))
-    return u
+    return u, cubic, lengths
 
 
-def _lengths(
-    spline: CubicSpline[Any], u0: FloatArray, u1: FloatArray, nodes: FloatArray, weights: FloatArray
-) -> FloatArray:
-    half = 0.5 * (u1 - u0)
-    u = (u0 + half)[..., None] + half[..., None] * nodes
-    return half * (_speed(spline, u) @ weights)
+def _lengths(cubic: FloatArray, w: FloatArray, rule: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """Return ∫₀ʷ |dr/dw| dw, each cell's own."""
+    total = np.zeros_like(w)
+    for node, weight in zip(*rule, strict=True):
+        total += weight * np.hypot(*_velocity(cubic, 0.5 * (1.0 + node) * w))
+    return 0.5 * w * total
 
 
-def _speed(spline: CubicSpline[Any], u: FloatArray) -> FloatArray:
-    velocity: FloatArray = spline(u, 1)
-    return np.hypot(velocity[..., 0], velocity[..., 1])
+def _velocity(cubic: FloatArray, w: FloatArray) -> tuple[FloatArray, FloatArray]:
+    vx, vy = ((3.0 * cubic[0, i] * w + 2.0 * cubic[1, i]) * w + cubic[2, i] for i in (0, 1))
+    return vx, vy
 
 
-def _curvature(velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
-    cross = velocity[..., 0] * acceleration[..., 1] - velocity[..., 1] * acceleration[..., 0]
-    return cast("FloatArray", cross / np.hypot(velocity[..., 0], velocity[..., 1]) ** 3)
+def _curvature(cubic: FloatArray, w: FloatArray) -> FloatArray:
+    vx, vy = _velocity(cubic, w)
+    ax, ay = (6.0 * cubic[0, i] * w + 2.0 * cubic[1, i] for i in (0, 1))
+    curvature: FloatArray = (vx * ay - vy * ax) / np.hypot(vx, vy) ** 3
+    return curvature
