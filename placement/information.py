@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from models.geometry import IntArray
+from models.cameras import Cameras
+from models.errors import ErrorModel
+from models.geometry import FloatArray, IntArray
+from models.installation import N_OFFSETS
+from models.roads import RoadPoints
+from placement import information_kernels as kernels
+from placement.sample_tree import SampleTree, build_tree
+
+CHUNK = 65_536  # poses whose camera tables exist at one time, 14 MB
+SHARE = 512  # poses a thread takes at one time
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,3 +56,125 @@ class Information:
     def isotropic(self) -> bool:
         """Whether each block is one number times the identity."""
         return int(self.blocks.shape[1]) == 1
+
+
+def compute_information(
+    cameras: Cameras,
+    points: RoadPoints,
+    errors: ErrorModel,
+    max_range_m: float,
+    *,
+    frames_per_sample: float = 1.0,
+    workers: int | None = None,
+) -> Information:
+    """Compute what every camera learns about every path sample, by the compiled kernels.
+
+    A camera sees a sample that lies inside both fields of view, within `max_range_m` on the
+    ground, and is found within `errors.report_limit_m` (95 %); all borders belong, to 1e-9
+    relative. Poses are walked twice, to count and to write, so nothing else as large as the result
+    exists; the work grows with the visible pairs, by way of `placement.sample_tree`.
+
+    `workers` threads (default: one a core, but no more than there is work for) give bitwise the
+    same result.
+
+    Raises:
+        ValueError: if the path has more than 2^31 samples.
+    """
+    if len(points) >= 1 << 31:
+        raise ValueError(f"a path must have fewer than 2^31 samples, got {len(points)}")
+    tree = build_tree(points.x_m, points.y_m, points.heading_rad)
+    c, width = len(cameras), 1 if errors.isotropic else 3
+    if workers is None:
+        workers = max(1, min(len(os.sched_getaffinity(0)), c // (2 * SHARE)))
+    tables = _Tables(cameras)
+    indptr = np.zeros(c + 1, dtype=np.int64)
+    found = _Entries.of(0, width, splits=False)
+    with ThreadPoolExecutor(workers) as pool:
+        _walk(pool, tables, errors, max_range_m, tree, indptr, found, write=False)
+        np.cumsum(indptr, out=indptr)
+        found = _Entries.of(int(indptr[-1]), width, splits=errors.splits)
+        _walk(pool, tables, errors, max_range_m, tree, indptr, found, write=True)
+    return Information(
+        n_samples=len(points),
+        indptr=indptr,
+        indices=found.indices,
+        blocks=found.blocks,
+        white=found.white if errors.splits else None,
+        offsets=found.offsets if errors.splits else None,
+        frames_per_sample=frames_per_sample,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Entries:
+    indices: NDArray[np.int32]
+    blocks: NDArray[np.float32]
+    white: NDArray[np.float32]
+    offsets: NDArray[np.float32]
+
+    @staticmethod
+    def of(n: int, width: int, *, splits: bool) -> _Entries:
+        more = n if splits else 0
+        return _Entries(
+            np.empty(n, np.int32),
+            np.empty((n, width), np.float32),
+            np.empty((more, width), np.float32),
+            np.empty((more, 2, N_OFFSETS), np.float32),
+        )
+
+
+class _Tables:
+    """Make the kernels' tables of a chunk of poses, and keep the last one."""
+
+    def __init__(self, cameras: Cameras) -> None:
+        self.cameras = cameras
+        self._begin = -1
+        self._table = np.empty((0, 0))
+
+    def chunks(self) -> Iterator[tuple[int, FloatArray]]:
+        """Yield each chunk's first pose and table (n, N_COLUMNS)."""
+        for begin in range(0, len(self.cameras), CHUNK):
+            if begin != self._begin:
+                rows = np.arange(begin, min(begin + CHUNK, len(self.cameras)))
+                whole = len(rows) == len(self.cameras)
+                self._table = (self.cameras if whole else self.cameras.subset(rows)).table()
+                self._begin = begin
+            yield begin, self._table
+
+
+def _walk(
+    pool: ThreadPoolExecutor,
+    tables: _Tables,
+    errors: ErrorModel,
+    max_range_m: float,
+    tree: SampleTree,
+    indptr: IntArray,
+    found: _Entries,
+    *,
+    write: bool,
+) -> None:
+    parameters, sigmas = errors.parameters(), errors.installation.sigmas()
+    for begin, table in tables.chunks():
+        pointers = indptr[begin : begin + len(table) + 1]
+
+        def walk(first: int, table: FloatArray = table, pointers: IntArray = pointers) -> None:
+            kernels.walk_poses(
+                table,
+                parameters,
+                sigmas,
+                max_range_m,
+                tree.samples,
+                tree.circles,
+                tree.first_leaf,
+                first,
+                min(first + SHARE, len(table)),
+                write,
+                pointers,
+                found.indices,
+                found.blocks,
+                found.white,
+                found.offsets,
+            )
+
+        for _ in pool.map(walk, range(0, len(table), SHARE)):
+            pass

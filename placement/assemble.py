@@ -1,0 +1,224 @@
+"""From an instance to a problem: road, candidates, information, objective, constraints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.errors import ErrorModel
+from models.files.centreline import read_centreline
+from models.geometry import BoolArray, IntArray
+from models.installation import Installation
+from models.roads import Piece, Road, RoadPoints, road_from_pieces
+from models.vehicle import PROFILES, OdometryNoise, from_alphas
+from placement.candidates import Candidates, build_candidates
+from placement.constraints import Constraints
+from placement.information import Information, compute_information
+from placement.instance import Instance, PoseSelector
+from placement.instance.schema import BudgetSection, VehicleSection
+from placement.objectives.base import Objective
+from placement.objectives.localisation import Localisation
+from placement.problem import Problem
+
+MOST_SAMPLES = 10_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """Hold an instance and all that follows from it; `problem` is what solvers see."""
+
+    instance: Instance
+    road: Road
+    points: RoadPoints
+    candidates: Candidates
+    information: Information
+    problem: Problem
+
+
+def assemble(instance: Instance) -> Scene:
+    """Turn an instance into a problem.
+
+    Raises:
+        ValueError: one line that names the field at fault, if the instance cannot be built: a road
+            file that cannot be read, a closed road that does not close, too many samples or
+            candidates, a camera that no lens gives, a budget beyond the mounts, a required pose
+            that is none or many, no candidate that sees the road.
+        Infeasible: if the constraints contradict each other.
+    """
+    road = build_road(instance)
+    points = sample_road(instance, road)
+    candidates = build_candidates(instance, road)
+    constraints = build_constraints(instance.budget, candidates)
+    spacing = road.length_m / (len(points) if road.closed else len(points) - 1)
+    information = compute_information(
+        candidates.cameras,
+        points,
+        build_errors(instance),
+        instance.camera.max_range_m,
+        frames_per_sample=instance.camera.rate_hz * spacing / instance.vehicle.speed_mps,
+    )
+    if not len(information.indices):
+        raise ValueError(
+            f"none of {len(candidates):,} candidate poses reports a position anywhere on the road: "
+            "see camera.pitch_deg, camera.max_range_m and errors.report_limit_m "
+            f"({instance.errors.report_limit_m:g} m)"
+        )
+    problem = Problem(
+        build_objective(instance, points, information),
+        constraints,
+        arc_length_m=candidates.arc_length_m,
+        path_length_m=road.length_m,
+    )
+    return Scene(instance, road, points, candidates, information, problem)
+
+
+def build_road(instance: Instance) -> Road:
+    """Make the road of `[road]`, from its pieces or its file."""
+    section = instance.road
+    if section.pieces is not None:
+        pieces = [Piece(piece.length, *piece.curvature) for piece in section.pieces]
+        try:
+            return road_from_pieces(pieces, width_m=section.width_m, closed=section.closed is True)
+        except ValueError as error:
+            raise ValueError(f"road.pieces: {error}") from None
+    path = instance.files["road.file"]
+    return read_centreline(path, closed=section.closed, half_width_m=0.5 * section.width_m)
+
+
+def sample_road(instance: Instance, road: Road) -> RoadPoints:
+    """Sample the road every `road.sample_spacing_m`, or say that this is too fine."""
+    spacing = instance.road.sample_spacing_m
+    if road.length_m / spacing > MOST_SAMPLES:
+        raise ValueError(
+            f"road.sample_spacing_m must give at most {MOST_SAMPLES:,} samples, "
+            f"got {spacing:g} on {road.length_m:.0f} m of road"
+        )
+    return road.sample(spacing)
+
+
+def build_errors(instance: Instance) -> ErrorModel:
+    """Make the error model of `[errors]`."""
+    section = instance.errors
+    return ErrorModel(
+        kind=section.model,
+        installation=Installation(
+            position_95_m=section.position_95_m,
+            orientation_95_deg=section.orientation_95_deg,
+            algorithm_95_px=section.algorithm_95_px,
+        ),
+        persistent=section.persistent,
+        report_limit_m=section.report_limit_m,
+    )
+
+
+def build_odometry(vehicle: VehicleSection) -> OdometryNoise:
+    """Make the odometry noise of `[vehicle]`: alphas, or the profile with densities replaced."""
+    if vehicle.alphas is not None:
+        return from_alphas(vehicle.alphas)
+    profile = PROFILES[vehicle.profile]
+    heading, along, across = (
+        vehicle.heading_deg_per_sqrt_m,
+        vehicle.along_m_per_sqrt_m,
+        vehicle.across_m_per_sqrt_m,
+    )
+    return OdometryNoise(
+        heading_rad_per_sqrt_m=(
+            profile.heading_rad_per_sqrt_m if heading is None else math.radians(heading)
+        ),
+        along_m_per_sqrt_m=profile.along_m_per_sqrt_m if along is None else along,
+        across_m_per_sqrt_m=profile.across_m_per_sqrt_m if across is None else across,
+    )
+
+
+def build_objective(instance: Instance, points: RoadPoints, information: Information) -> Objective:
+    """Make the objective of `[objective]`."""
+    return OBJECTIVES[instance.objective.kind](instance, points, information)
+
+
+def _localisation(instance: Instance, points: RoadPoints, information: Information) -> Objective:
+    section = instance.objective
+    if section.weights is not None and len(section.weights) != len(points):
+        raise ValueError(
+            f"objective.weights must have one number for each of {len(points)} path samples, "
+            f"got {len(section.weights)}"
+        )
+    return Localisation(information, section.prior_sigma_m, section.weights)
+
+
+# What each objective.kind is made of; a kind without a row is refused in `instance.later`.
+OBJECTIVES: Mapping[str, Callable[[Instance, RoadPoints, Information], Objective]] = {
+    "localisation": _localisation,
+}
+
+
+def build_constraints(budget: BudgetSection, candidates: Candidates) -> Constraints:
+    """Make the constraints of `[budget]` on `candidates`.
+
+    A budget that is left out is the default or as many as fit; one that is given must fit.
+    """
+    most = candidates.n_mounts if budget.one_per_mount else len(candidates)
+    if budget.cameras > most and "cameras" in budget.model_fields_set:
+        what = "mounts, one camera each" if budget.one_per_mount else "candidate poses"
+        raise ValueError(
+            f"budget.cameras must be at least 1 and at most {most}, the number of {what}, "
+            f"got {budget.cameras}"
+        )
+    c = len(candidates)
+    return Constraints(
+        n=c,
+        budget=min(budget.cameras, most),
+        group=candidates.mount if budget.one_per_mount else np.full(c, -1, dtype=np.int64),
+        required=_choose("budget.required", budget.required, candidates, only_one=True),
+        forbidden=_choose("budget.forbidden", budget.forbidden, candidates, only_one=False),
+    )
+
+
+def _choose(
+    name: str,
+    choices: Sequence[int | PoseSelector],
+    candidates: Candidates,
+    *,
+    only_one: bool,
+) -> IntArray:
+    chosen: list[int] = []
+    for n, choice in enumerate(choices):
+        if isinstance(choice, int):
+            if choice >= len(candidates):
+                raise ValueError(
+                    f"{name}[{n}] must be a candidate 0…{len(candidates) - 1}, got {choice}"
+                )
+            chosen.append(choice)
+            continue
+        fitting = np.flatnonzero(_fits(choice, candidates))
+        if not fitting.size or (only_one and fitting.size > 1):
+            wanted = "exactly one candidate" if only_one else "a candidate"
+            given = ", ".join(
+                f"{k} = {v}" for k, v in choice.model_dump(exclude_unset=True).items()
+            )
+            raise ValueError(
+                f"{name}[{n}] must fit {wanted}, got {{{given}}}, which fits {fitting.size}"
+            )
+        chosen += fitting.tolist()
+    return np.unique(np.array(chosen, dtype=np.int64))
+
+
+def _fits(selector: PoseSelector, candidates: Candidates) -> BoolArray:
+    """Mark the candidates that have all the values a selector gives, angles to 1e-6 degrees."""
+    cameras = candidates.cameras
+    fits = np.ones(len(candidates), dtype=np.bool_)
+    if selector.mount is not None:
+        fits &= candidates.mount == selector.mount
+    if selector.height_m is not None:
+        fits &= np.abs(cameras.height_m - selector.height_m) <= 1e-9
+    if selector.yaw_deg is not None:
+        turn = (candidates.yaw_deg - selector.yaw_deg + 180.0) % 360.0 - 180.0
+        fits &= np.abs(turn) <= 1e-6
+    if selector.pitch_deg is not None:
+        fits &= np.abs(np.degrees(cameras.pitch_rad) - selector.pitch_deg) <= 1e-6
+    if selector.fov_deg is not None:
+        for fov, wanted in zip((cameras.hfov_rad, cameras.vfov_rad), selector.fov_deg, strict=True):
+            fits &= np.abs(np.degrees(fov) - wanted) <= 1e-6
+    return fits
