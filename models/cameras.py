@@ -376,7 +376,7 @@ def _angle_limits(projection: IntArray, distortion: FloatArray) -> FloatArray:
 def _check(cameras: Cameras) -> None:
     for field in fields(cameras):
         array = getattr(cameras, field.name)
-        bad = ~np.isfinite(array).reshape(len(array), -1).all(axis=1)
+        bad = ~np.isfinite(array).all(axis=tuple(range(1, array.ndim)))
         if bad.any():
             i = int(np.argmax(bad))
             raise ValueError(f"camera.{field.name}[{i}] must be finite, got {array[i]}")
