@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from models.cameras import footprint_polygon
+from models.footprints import footprint_polygon
 from reports.style import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION, saved, style
 
 if TYPE_CHECKING:
