@@ -33,8 +33,8 @@ from models.sensing import SEEN_CAMERA, SEEN_X, SEEN_Y, Sensors, believe, instal
 TICK_S = 0.01
 
 # Columns of a record, one a filter step.
-S, LATERAL, ERROR, CLAIMED, NEES = range(5)
-N_RECORDS = 5
+S, LATERAL, ERROR, CLAIMED, CLAIMED_LATERAL, NEES = range(6)
+N_RECORDS = 6
 
 # Entries of a drive's summary.
 (
@@ -106,8 +106,8 @@ def drive(
     schmidt: consider persistent offsets; else the EKF. noisy off: the nominal drive, in which
     nothing errs and the filter's covariance runs as if it might. records (steps, N_RECORDS) with
     room for every step up to `timing.last`; columns s and cross-track distance of the truth [m],
-    distance between estimate and truth [m], the filter's claim tr P_xy [m²], and the NEES of
-    (x, y, heading), χ² with three degrees of freedom where the filter is right.
+    distance between estimate and truth [m], the filter's claims tr P_xy and nᵀ P n across the road
+    [m²], and the NEES of (x, y, heading): χ² of three degrees of freedom where the filter is right.
     """
     k = len(sensors.table)
     scale = 1.0 if noisy else 0.0
@@ -234,7 +234,7 @@ def drive(
                 n_met = _leave(sensors, s_mean, cross, met, is_met, n_met)
             s_mean, _, _, _ = follow(course, s_mean, mean[0], mean[1])
             if tick > 0:
-                s_true, lateral, _, _ = follow(course, s_true, state[X], state[Y])
+                s_true, lateral, heading, _ = follow(course, s_true, state[X], state[Y])
                 e_x, e_y = state[X] - mean[0], state[Y] - mean[1]
                 turn = state[HEADING] - mean[2]
                 turn -= 2.0 * math.pi * round(turn / (2.0 * math.pi))
@@ -242,6 +242,12 @@ def drive(
                 records[steps, LATERAL] = lateral
                 records[steps, ERROR] = math.sqrt(e_x * e_x + e_y * e_y)
                 records[steps, CLAIMED] = covariance[0, 0] + covariance[1, 1]
+                c, s = math.cos(heading), math.sin(heading)
+                records[steps, CLAIMED_LATERAL] = (
+                    s * s * covariance[0, 0]
+                    - 2.0 * s * c * covariance[0, 1]
+                    + c * c * covariance[1, 1]
+                )
                 nees = normalised_error(covariance, e_x, e_y, turn)
                 records[steps, NEES] = nees
                 steps += 1

@@ -14,6 +14,7 @@ from models.cameras import Cameras
 from models.closed_loop import (
     ARRIVED,
     CLAIMED,
+    CLAIMED_LATERAL,
     END_X,
     END_Y,
     ERROR,
@@ -49,6 +50,7 @@ FilterName = Literal["ekf", "schmidt"]
 FILTERS: tuple[FilterName, ...] = ("ekf", "schmidt")
 
 _TICKS_A_SECOND = round(1.0 / TICK_S)
+_CORNERING_MPS2 = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,10 +112,11 @@ class ClosedLoop:
 class Drives:
     """Hold m finished drives.
 
-    runs (m,): which. steps (m,): filter steps of each. s_m, lateral_m, error_m, claimed_m2, nees
-    (m, longest): a row a run, a column a filter step, 0 after a run's end (`active` says where):
-    arc length and cross-track distance of the truth, distance of estimate and truth, the filter's
-    claim tr P_xy, and the squared normalised error of (x, y, heading). updates, rejected (m,):
+    runs (m,): which. steps (m,): filter steps of each. s_m, lateral_m, error_m, claimed_m2,
+    claimed_lateral_m2, nees (m, longest): a row a run, a column a filter step, 0 after a run's end
+    (`active` says where): arc length and cross-track distance of the truth, distance of estimate
+    and truth, the filter's claims tr P_xy and its part across the road, and the squared normalised
+    error of (x, y, heading). updates, rejected (m,):
     measurements used, and rejected by the gate. nis (m,): the mean squared normalised innovation,
     2 where the filter is right. autocorrelation (m,): of successive whitened innovations, and
     pairs (m,) how many it is over. end_error_m (m, 2): truth less estimate at the end. ticks (m,).
@@ -127,6 +130,7 @@ class Drives:
     lateral_m: FloatArray
     error_m: FloatArray
     claimed_m2: FloatArray
+    claimed_lateral_m2: FloatArray
     nees: FloatArray
     updates: IntArray
     rejected: IntArray
@@ -156,15 +160,15 @@ def closed_loop(
 ) -> ClosedLoop:
     """Set up a drive along `road` under `cameras`.
 
-    plant: 'kinematic' or 'single-track'; the latter brings its own vehicle, and keeps v²|κ| below
-    4 m/s² unless `speed` says otherwise. Raises ValueError for a road tighter than the vehicle can
+    plant: 'kinematic' or 'single-track'; the latter brings its own vehicle. speed: by default
+    `speed_policy` at 20 m/s. Raises ValueError for a road tighter than the vehicle can
     turn, naming the place, and for a latency longer than the drive.
     """
     settings = settings or Settings()
     kind = plant_from_name(plant)
     dynamic = SingleTrack() if kind is Plant.SINGLE_TRACK else None
     vehicle = vehicle or (dynamic.vehicle() if dynamic else Vehicle())
-    speed = speed or SpeedPolicy(lateral_limit_mps2=4.0 if dynamic else math.inf)
+    speed = speed or speed_policy(20.0, plant)
     table = course(road, speed)
     s_m = table.step_m * np.arange(len(table.x_m), dtype=np.float64)
     check_turnable(vehicle, s_m, table.curvature)
@@ -206,6 +210,16 @@ def closed_loop(
     return ClosedLoop(table, car, seen, loop.timing._replace(last=last), loop.gate)
 
 
+def speed_policy(speed_mps: float, plant: str = "kinematic") -> SpeedPolicy:
+    """Return the wish for `speed_mps` that a plant can follow.
+
+    The bicycle corners at any speed. The single-track car's v²|κ| is kept below 4 m/s², where its
+    tyres are linear; the rule 0.5/|κ| alone would ask 10 m/s² of it at a radius of 40 m.
+    """
+    limit = _CORNERING_MPS2 if plant_from_name(plant) is Plant.SINGLE_TRACK else math.inf
+    return SpeedPolicy(speed_mps=speed_mps, lateral_limit_mps2=limit)
+
+
 def simulate(
     loop: ClosedLoop,
     *,
@@ -238,6 +252,25 @@ def nominal_drive(
     """
     chance = loop.sensors.missed > 0.0 or loop.sensors.false > 0.0
     return _drive_all(loop, filter, np.arange(20 if chance else 1), seed, 1, noisy=False)
+
+
+def predict_along(
+    loop: ClosedLoop,
+    s_m: FloatArray,
+    *,
+    filter: FilterName = "schmidt",  # noqa: A002
+) -> tuple[FloatArray, FloatArray]:
+    """Return what the filter claims at arc lengths (t,) of the nominal drive, one sigma [m].
+
+    The first array is √tr P_xy, to be compared with an rms distance; the second the sigma across
+    the road. Linear between filter steps; constant before the first and after the last.
+    """
+    drives = nominal_drive(loop, filter=filter)
+    n = int(drives.steps.min())
+    at = drives.s_m[0, :n]
+    position = np.interp(s_m, at, drives.claimed_m2[:, :n].mean(axis=0))
+    lateral = np.interp(s_m, at, drives.claimed_lateral_m2[:, :n].mean(axis=0))
+    return np.sqrt(position), np.sqrt(np.maximum(lateral, 0.0))
 
 
 def _drive_all(
@@ -289,6 +322,7 @@ def _drive_all(
         lateral_m=table[LATERAL],
         error_m=table[ERROR],
         claimed_m2=table[CLAIMED],
+        claimed_lateral_m2=table[CLAIMED_LATERAL],
         nees=table[NEES],
         updates=updates.astype(np.int64),
         rejected=summary[:, REJECTED].astype(np.int64),

@@ -1,0 +1,299 @@
+"""Check a placement by driving it: many closed-loop runs, both filters, and what they say."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from models.cameras import Cameras
+from models.closed_loop import TICK_S
+from models.consistency import StepTally, bootstrap_band, whiteness_band
+from models.errors import ErrorModel
+from models.geometry import FloatArray
+from models.roads import Road
+from models.simulation import (
+    FILTERS,
+    ClosedLoop,
+    Drives,
+    FilterName,
+    Settings,
+    closed_loop,
+    nominal_drive,
+    simulate,
+    speed_policy,
+)
+from models.vehicle import PROFILES, OdometryNoise
+from placement.assemble import Scene, build_errors, build_odometry
+
+FILTER_HZ = 25.0
+_BATCH = 200
+_BIN_M = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """Hold rms errors along the road, by filter: s_m (b,), and arrays (b,) in metres.
+
+    nees (t,) by filter is the mean over runs at each filter step, nees_low and nees_high its χ²
+    band, time_s (t,) when that is.
+    """
+
+    s_m: FloatArray
+    position_rms_m: Mapping[str, FloatArray]
+    cross_track_rms_m: Mapping[str, FloatArray]
+    predicted_rms_m: Mapping[str, FloatArray]
+    time_s: FloatArray
+    nees: Mapping[str, FloatArray]
+    nees_low: FloatArray
+    nees_high: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Validation:
+    """Hold a validation: `rows` one a run and filter, `summary` as DESIGN 7 has it, `profile`."""
+
+    rows: pd.DataFrame
+    summary: dict[str, Any]
+    profile: Profile
+
+
+def validate(
+    scene: Scene,
+    selected: Sequence[int],
+    *,
+    runs: int = 200,
+    seed: int = 0,
+    plant: str = "kinematic",
+    latency_s: float = 0.0,
+    missed: float = 0.0,
+    false: float = 0.0,
+    progress: Callable[[str, float | None], None] | None = None,
+) -> Validation:
+    """Drive the selected candidates of `scene`, `runs` times with each filter.
+
+    latency_s, missed, false: as in `models.simulation.Settings`. Raises ValueError for no runs, an
+    unknown plant, a road tighter than the vehicle can turn, a latency longer than the drive, or
+    cameras that never see the car.
+    """
+    instance = scene.instance
+    loop = closed_loop(
+        scene.road,
+        scene.candidates.cameras.subset(np.array(sorted(selected), dtype=np.int64)),
+        build_errors(instance),
+        odometry=build_odometry(instance.vehicle),
+        speed=speed_policy(instance.vehicle.speed_mps, plant),
+        plant=plant,
+        settings=Settings(
+            filter_hz=FILTER_HZ,
+            frame_hz=instance.camera.rate_hz,
+            latency_s=latency_s,
+            missed=missed,
+            false=false,
+            initial_sigma=instance.vehicle.initial_sigma,
+            max_range_m=instance.camera.max_range_m,
+        ),
+    )
+    return validate_loop(
+        loop,
+        runs=runs,
+        seed=seed,
+        tolerance_m=instance.objective.tolerance_m,
+        progress=progress,
+    )
+
+
+def validate_cameras(
+    road: Road,
+    cameras: Cameras,
+    errors: ErrorModel,
+    *,
+    odometry: OdometryNoise = PROFILES["car"],
+    speed_mps: float = 20.0,
+    plant: str = "kinematic",
+    settings: Settings | None = None,
+    runs: int = 200,
+    seed: int = 0,
+    tolerance_m: float = 0.29,
+) -> Validation:
+    """Drive `road` under `cameras`, for those who have no instance; raises as `validate` does."""
+    loop = closed_loop(
+        road,
+        cameras,
+        errors,
+        odometry=odometry,
+        speed=speed_policy(speed_mps, plant),
+        plant=plant,
+        settings=settings,
+    )
+    return validate_loop(loop, runs=runs, seed=seed, tolerance_m=tolerance_m)
+
+
+def validate_loop(
+    loop: ClosedLoop,
+    *,
+    runs: int,
+    seed: int,
+    tolerance_m: float,
+    progress: Callable[[str, float | None], None] | None = None,
+) -> Validation:
+    """Drive a set-up `runs` times with each filter and sum up what happened."""
+    if runs < 1:
+        raise ValueError(f"runs must be at least 1, got {runs}")
+    if seed < 0:
+        raise ValueError(f"seed must be at least 0, got {seed}")
+    report = progress or (lambda _text, _fraction: None)
+    nominal = {name: nominal_drive(loop, filter=name) for name in FILTERS}
+    if not any(drives.updates.any() for drives in nominal.values()):
+        raise ValueError(
+            f"selected: no camera sees the car anywhere along the drive ({len(loop.sensors.table)} "
+            "cameras): nothing to validate"
+        )
+    workers = min(os.cpu_count() or 1, 8)
+    tallies = {}
+    for n, name in enumerate(FILTERS):
+        tally = _Tally(loop, tolerance_m)
+        for first in range(0, runs, _BATCH):
+            report(f"driving with the {name} filter", (n + first / runs) / len(FILTERS))
+            batch = range(first, min(first + _BATCH, runs))
+            tally.add(simulate(loop, filter=name, runs=batch, seed=seed, workers=workers))
+        tallies[name] = tally
+    rows = pd.concat([tally.rows(name, seed) for name, tally in tallies.items()], ignore_index=True)
+    summary = {
+        "runs": runs,
+        "seed": seed,
+        "filters": {name: tally.summary(nominal[name], seed) for name, tally in tallies.items()},
+    }
+    return Validation(rows, summary, _profile(loop, tallies, nominal))
+
+
+class _Tally:
+    """Gather the drives of one filter, batch by batch, so that memory does not grow with runs."""
+
+    def __init__(self, loop: ClosedLoop, tolerance_m: float) -> None:
+        length = loop.course.length_m
+        self.tolerance_m = tolerance_m
+        self.steps = StepTally()
+        self.bins = max(1, round(length / _BIN_M))
+        self.bin_m = length / self.bins
+        self.count = np.zeros(self.bins, dtype=np.int64)
+        self.error2 = np.zeros(self.bins)
+        self.lateral2 = np.zeros(self.bins)
+        self.runs: list[pd.DataFrame] = []
+
+    def add(self, drives: Drives) -> None:
+        """Take in a batch."""
+        self.steps.add(drives)
+        on = drives.active
+        place = np.clip((drives.s_m[on] / self.bin_m).astype(np.int64), 0, self.bins - 1)
+        self.count += np.bincount(place, minlength=self.bins)
+        self.error2 += np.bincount(place, drives.error_m[on] ** 2, self.bins)
+        self.lateral2 += np.bincount(place, drives.lateral_m[on] ** 2, self.bins)
+        within = ((np.abs(drives.lateral_m) <= self.tolerance_m) & on).sum(axis=1)
+        self.runs.append(
+            pd.DataFrame(
+                {
+                    "run": drives.runs,
+                    "steps": drives.steps,
+                    "error2": (drives.error_m**2).sum(axis=1),
+                    "max_error_m": drives.error_m.max(axis=1),
+                    "lateral2": (drives.lateral_m**2).sum(axis=1),
+                    "max_cross_track_m": np.abs(drives.lateral_m).max(axis=1),
+                    "nees": drives.nees.sum(axis=1),
+                    "within": within,
+                    "updates": drives.updates,
+                    "gated": drives.rejected,
+                    "nis": drives.nis,
+                    "autocorrelation": drives.autocorrelation,
+                    "pairs": drives.pairs,
+                }
+            )
+        )
+
+    def rows(self, name: str, seed: int) -> pd.DataFrame:
+        """Return the rows of `validation.csv`."""
+        runs = pd.concat(self.runs, ignore_index=True)
+        return pd.DataFrame(
+            {
+                "run": runs["run"],
+                "seed": seed,
+                "filter": name,
+                "rms_error_m": np.sqrt(runs["error2"] / runs["steps"]),
+                "max_error_m": runs["max_error_m"],
+                "rms_cross_track_m": np.sqrt(runs["lateral2"] / runs["steps"]),
+                "max_cross_track_m": runs["max_cross_track_m"],
+                "nees_mean": runs["nees"] / runs["steps"],
+                "updates": runs["updates"],
+                "gated": runs["gated"],
+                "nis_mean": runs["nis"],
+                "innovation_autocorrelation": runs["autocorrelation"],
+            }
+        )
+
+    def summary(self, nominal: Drives, seed: int) -> dict[str, float]:
+        """Return this filter's part of `validation_summary.json`."""
+        runs = pd.concat(self.runs, ignore_index=True)
+        steps = float(runs["steps"].sum())
+        updates = float(runs["updates"].sum())
+        pairs = int(runs["pairs"].sum())
+        low, high = bootstrap_band(
+            runs["nees"].to_numpy(dtype=np.float64),
+            runs["steps"].to_numpy(dtype=np.float64),
+            np.random.default_rng(seed),
+        )
+        return {
+            "predicted_rms_m": _rms(nominal.claimed_m2.sum(), nominal.steps.sum()),
+            "simulated_rms_m": _rms(runs["error2"].sum(), steps),
+            "nees_mean": float(runs["nees"].sum()) / steps,
+            "nees_low_95": low,
+            "nees_high_95": high,
+            "nees_steps_in_band": self.steps.share_in_band(),
+            "cross_track_rms_m": _rms(runs["lateral2"].sum(), steps),
+            "lateral_within_tolerance": float(runs["within"].sum()) / steps,
+            "updates_mean": updates / len(runs),
+            "gated_share": float(runs["gated"].sum()) / max(updates + runs["gated"].sum(), 1.0),
+            "nis_mean": float((runs["nis"] * runs["updates"]).sum()) / max(updates, 1.0),
+            "innovation_autocorrelation": float((runs["autocorrelation"] * runs["pairs"]).sum())
+            / max(pairs, 1),
+            "innovation_autocorrelation_95": min(whiteness_band(pairs), 1.0),
+        }
+
+
+def _profile(
+    loop: ClosedLoop, tallies: Mapping[FilterName, _Tally], nominal: Mapping[FilterName, Drives]
+) -> Profile:
+    first = next(iter(tallies.values()))
+    # the end of an open road, which only the front axle reaches, has no record
+    driven = np.all([tally.count > 0 for tally in tallies.values()], axis=0)
+    s: FloatArray = (first.bin_m * (np.flatnonzero(driven) + 0.5)).astype(np.float64)
+    judged = {name: tally.steps.judged() for name, tally in tallies.items()}
+    steps = min(len(mean) for mean, _, _ in judged.values())
+    _, low, high = next(iter(judged.values()))
+    predicted: dict[str, FloatArray] = {}
+    for name, drives in nominal.items():
+        n = int(drives.steps.min())
+        claim = drives.claimed_m2[:, :n].mean(axis=0)
+        predicted[name] = np.sqrt(np.interp(s, drives.s_m[0, :n], claim))
+    return Profile(
+        s_m=s,
+        position_rms_m={
+            n: np.sqrt((y.error2[driven]) / y.count[driven]) for n, y in tallies.items()
+        },
+        cross_track_rms_m={
+            n: np.sqrt((y.lateral2[driven]) / y.count[driven]) for n, y in tallies.items()
+        },
+        predicted_rms_m=predicted,
+        time_s=np.arange(1.0, steps + 1.0) * (loop.timing.filter_every * TICK_S),
+        nees={name: mean[:steps] for name, (mean, _, _) in judged.items()},
+        nees_low=low[:steps],
+        nees_high=high[:steps],
+    )
+
+
+def _rms(total: float, count: float) -> float:
+    return math.sqrt(float(total) / float(count))
