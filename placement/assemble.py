@@ -20,7 +20,11 @@ from placement.information import Information, compute_information
 from placement.instance import Instance, PoseSelector
 from placement.instance.schema import BudgetSection, VehicleSection
 from placement.objectives.base import Objective
+from placement.objectives.entropy import Entropy
+from placement.objectives.final_entropy import FinalEntropy
 from placement.objectives.localisation import Localisation
+from placement.objectives.navigation_chain import Drive
+from placement.objectives.trace import Trace
 from placement.problem import Problem
 
 MOST_SAMPLES = 10_000_000
@@ -148,9 +152,43 @@ def _localisation(instance: Instance, points: RoadPoints, information: Informati
     return Localisation(information, section.prior_sigma_m, section.weights)
 
 
+def _entropy(instance: Instance, points: RoadPoints, information: Information) -> Objective:
+    return Entropy([_drive(instance, points, information)])
+
+
+def _trace(instance: Instance, points: RoadPoints, information: Information) -> Objective:
+    return Trace([_drive(instance, points, information)], instance.objective.weight)
+
+
+def _final_entropy(instance: Instance, points: RoadPoints, information: Information) -> Objective:
+    return FinalEntropy([_drive(instance, points, information)])
+
+
+def _drive(instance: Instance, points: RoadPoints, information: Information) -> Drive:
+    if instance.objective.weights is not None:
+        raise ValueError(
+            f"objective.weights must be left out for objective.kind = {instance.objective.kind}: "
+            "only localisation weighs samples"
+        )
+    if information.offsets is not None:
+        raise ValueError(
+            "errors.persistent must be false where errors.model = covariance and objective.kind = "
+            f"{instance.objective.kind}, for now: the objective takes frames for independent"
+        )
+    return Drive(
+        points=points,
+        information=information,
+        odometry=build_odometry(instance.vehicle),
+        initial_sigma=np.array(instance.vehicle.initial_sigma),
+    )
+
+
 # What each objective.kind is made of; a kind without a row is refused in `instance.later`.
 OBJECTIVES: Mapping[str, Callable[[Instance, RoadPoints, Information], Objective]] = {
+    "entropy": _entropy,
+    "final_entropy": _final_entropy,
     "localisation": _localisation,
+    "trace": _trace,
 }
 
 
