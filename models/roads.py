@@ -300,7 +300,7 @@ def road_from_points(
             f"points[{i}] and points[{(i + 1) % len(points)}] must differ, "
             f"both are at ({points[i, 0]:g}, {points[i, 1]:g})"
         )
-    curve = SplineCurve(points - points[0], closed)
+    curve = SplineCurve(points, closed)
     widths = [
         np.ascontiguousarray(np.broadcast_to(np.asarray(w, dtype=np.float64), (len(points),)))
         for w in (left_m, right_m)

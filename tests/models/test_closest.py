@@ -104,6 +104,49 @@ def test_points_offset_from_the_curve_are_found_again(name: str) -> None:
     assert np.allclose(left, lateral, atol=1e-9)
 
 
+def test_a_point_just_beyond_a_vertexs_centre_of_curvature_finds_the_deeper_of_two_dips() -> None:
+    curve, closed = CURVES["clothoids"]  # |κ| peaks at s = 60 m, where the radius is 12.5 m
+    at = curve.evaluate(np.array([60.0]))
+    lateral = 12.5 + np.logspace(-5.0, -1.0, 200)
+    points = np.column_stack(
+        (
+            at.x_m - lateral * np.sin(at.heading_rad),
+            at.y_m + lateral * np.cos(at.heading_rad),
+        )
+    )
+    s, _ = ClosestPoint(curve, closed).find(points)
+    here, fine = curve.evaluate(s), curve.evaluate(np.linspace(50.0, 70.0, 40_001))
+    distance = np.hypot(points[:, 0] - here.x_m, points[:, 1] - here.y_m)
+    samples = np.hypot(points[:, :1] - fine.x_m, points[:, 1:] - fine.y_m).min(axis=1)
+    assert np.all(distance <= samples + 1.1e-9)  # points equal to 1e-9 m count as ties
+
+
+def test_the_edge_of_a_bracket_never_passes_for_the_closest_point() -> None:
+    curve, closed = CURVES["winding"]  # sampled every 0.25 m: brackets end at odd multiples of 1/8
+    s = 0.125 + 0.25 * np.arange(10, 100) + 5e-5
+    at = curve.evaluate(s)
+    points = np.column_stack(
+        (at.x_m - 4.0 * np.sin(at.heading_rad), at.y_m + 4.0 * np.cos(at.heading_rad))
+    )
+    assert np.allclose(ClosestPoint(curve, closed).find(points)[0], s, rtol=0, atol=1e-9)
+
+
+def test_the_nearest_sample_need_not_be_beside_the_closest_point() -> None:
+    curve, closed = CURVES["hairpin"]
+    x = np.random.default_rng(1).uniform(10.0, 70.0, 200)
+    _, left = ClosestPoint(curve, closed).find(np.column_stack((x, np.full(200, 10.0 - 1e-6))))
+    assert np.allclose(left, 10.0 - 1e-6, rtol=0, atol=1e-9)
+
+
+def test_many_almost_equal_dips_are_all_looked_at() -> None:
+    phi = np.linspace(0.0, 2.0 * math.pi, 140, endpoint=False)
+    radius = 30.0 + 5.0 * np.cos(7 * phi)
+    xy = np.column_stack((radius * np.cos(phi), radius * np.sin(phi)))
+    direction = np.random.default_rng(2).uniform(0.0, 2.0 * math.pi, 60)
+    centre = -xy[0] + 1e-5 * np.column_stack((np.cos(direction), np.sin(direction)))
+    check_is_closest(SplineCurve(xy, closed=True), True, centre)
+
+
 def test_the_left_of_the_road_is_positive() -> None:
     s, left = ClosestPoint(chain((10.0, 0, 0)), False).find(np.array([[4.0, 2.0], [5.0, -3.0]]))
     assert np.allclose(s, [4.0, 5.0], atol=1e-9)

@@ -116,8 +116,12 @@ def test_splines_pass_through_their_points(closed: bool) -> None:
     assert np.allclose(np.column_stack((here.x_m, here.y_m)), points - points[0], atol=1e-9)
 
 
-def test_spline_length_is_the_limit_of_polylines() -> None:
-    curve = SplineCurve(ellipse(24), closed=True)
+ZIGZAG = np.array([[0.0, 0.0], [30.0, 0.5], [31.0, 2.0], [2.0, 3.0], [1.0, 40.0], [1.5, 42.0]])
+
+
+@pytest.mark.parametrize(("points", "closed"), [(ellipse(24), True), (ZIGZAG, False)])
+def test_spline_length_is_the_limit_of_polylines(points: FloatArray, closed: bool) -> None:
+    curve = SplineCurve(points, closed)
     lengths = []
     for n in (20_000, 40_000):
         at = curve.evaluate(np.linspace(0.0, curve.length_m, n + 1))
