@@ -367,10 +367,14 @@ def _ground_from_pixels(
 
 
 def _angle_limits(projection: IntArray, distortion: FloatArray) -> FloatArray:
-    keys = np.column_stack([projection, distortion])
-    unique, index = np.unique(keys, axis=0, return_inverse=True)
-    limits = np.array([angle_limit(Projection(int(row[0])), row[1:]) for row in unique])
-    return limits[index.reshape(-1)] if len(unique) else np.empty(0)
+    limits = np.where(projection == PINHOLE, 0.5 * math.pi, math.pi)
+    distorted = np.flatnonzero(distortion.any(axis=1))
+    if distorted.size:  # rare, and sorting the rows costs more than all the rest of a table
+        keys = np.column_stack([projection, distortion])[distorted]
+        unique, index = np.unique(keys, axis=0, return_inverse=True)
+        each = np.array([angle_limit(Projection(int(row[0])), row[1:]) for row in unique])
+        limits[distorted] = each[index.reshape(-1)]
+    return limits
 
 
 def _check(cameras: Cameras) -> None:
