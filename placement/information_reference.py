@@ -19,8 +19,6 @@ from models.projections import Projection
 from models.roads import RoadPoints
 
 CHUNK_PAIRS = 1 << 17  # pairs at a time; the fastest of 2^12 … 2^20
-    1 << 14
-)  # pairs at a time: they fit the cache, and nothing from 2^12 to 2^20 is faster
 
 
 def dense_information(
