@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -17,11 +19,12 @@ from models.vehicle import PROFILES, OdometryNoise, from_alphas
 from placement.candidates import Candidates, build_candidates
 from placement.constraints import Constraints
 from placement.information import Information, compute_information
-from placement.instance import Instance, PoseSelector
+from placement.instance import Instance, PoseSelector, load_instance
 from placement.instance.schema import BudgetSection, VehicleSection
 from placement.objectives.base import Objective
 from placement.objectives.entropy import Entropy
 from placement.objectives.final_entropy import FinalEntropy
+from placement.objectives.kalman_gain import kalman_gain
 from placement.objectives.localisation import Localisation
 from placement.objectives.navigation_chain import Drive
 from placement.objectives.trace import Trace
@@ -40,6 +43,11 @@ class Scene:
     candidates: Candidates
     information: Information
     problem: Problem
+
+
+def load(path_or_name: str | Path) -> Scene:
+    """Read an instance file, or a shipped instance by name, and assemble it; raises as both do."""
+    return assemble(load_instance(path_or_name))
 
 
 def assemble(instance: Instance) -> Scene:
@@ -75,6 +83,7 @@ def assemble(instance: Instance) -> Scene:
         constraints,
         arc_length_m=candidates.arc_length_m,
         path_length_m=road.length_m,
+        cheap_scores=partial(kalman_gain, candidates.cameras, points, information),
     )
     return Scene(instance, road, points, candidates, information, problem)
 

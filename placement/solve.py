@@ -47,6 +47,11 @@ class Method:
 
 
 METHODS: dict[str, Method] = {
+    "auto": Method(
+        "placement.solvers.auto:solve_auto",
+        "picks for you: `mip` where it can prove, else `exchange`",
+        proves_bound=True,
+    ),
     "greedy": Method(
         "placement.solvers.greedy:solve_greedy",
         "add the best camera until the budget is spent; bound from diminishing returns",
@@ -67,6 +72,16 @@ METHODS: dict[str, Method] = {
         "mixed-integer program with submodular and tangent cuts; optimal given time",
         proves_bound=True,
     ),
+    "hill-climb": Method(
+        "placement.solvers.hill_climb:solve_hill_climb",
+        "from ten random placements, improve one pose at a time (as in 2018)",
+        proves_bound=False,
+    ),
+    "cascade": Method(
+        "placement.solvers.cascade:solve_cascade",
+        "a cheap score keeps three poses a mount, exchange chooses among them (as in 2018)",
+        proves_bound=False,
+    ),
     "uniform": Method(
         "placement.solvers.uniform:solve_uniform",
         "baseline: equal spacing along the road, the best pose at each place",
@@ -82,7 +97,7 @@ METHODS: dict[str, Method] = {
 
 def solve(
     problem: Problem,
-    method: str = "exchange",
+    method: str = "auto",
     *,
     time_limit_s: float = math.inf,
     seed: int = 0,
