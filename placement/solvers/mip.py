@@ -1,0 +1,310 @@
+"""Branch-and-cut for `localisation`: exact given time, and anytime.
+
+A mixed-integer program with one level z_t for each sample and submodular and tangent cuts on it
+(`placement.cuts`), added only where violated. Each node's linear program is HiGHS's; each node's
+bound is ours (`placement.bounds.cut_bound`), as is the tree, so that `optimal` rests on no
+solver's tolerance. Candidates whose reduced cost exceeds the distance to the incumbent are left
+out for good: on `winding` with ten cameras 92 of 10,440 remain after the root.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from models.geometry import FloatArray, IntArray
+from placement.bounds import cut_bound
+from placement.cut_program import CutProgram, Fraction
+from placement.cuts import CutMaker, Cuts, joined
+from placement.matroid import Choice, best_choice, restricted_choice, root_choice, using, without
+from placement.objectives.localisation import Localisation
+from placement.problem import Problem, Run
+from placement.restrict import restricted_objective
+from placement.solution import Proposal, Status
+from placement.solvers.exchange import polish
+
+# A node within this share of the incumbent holds nothing better; a tenth of what counts as
+# optimal, so that rounding elsewhere cannot spoil the status.
+TOLERANCE = 1e-7
+ROOT_ROUNDS = 60
+# Stop cutting where a round lowers the bound by less than this share of the gap.
+STALL = 0.02
+WHOLE = 1e-6  # an x this near 0 or 1 is taken for it
+LEAVE_TIME_S = 0.2  # for the verb's own checks, out of the time limit
+
+
+def solve_mip(problem: Problem, run: Run) -> Proposal:
+    """Cut, fix and branch until the incumbent is proven best or time is up.
+
+    Raises:
+        ValueError: for an objective other than `localisation`.
+    """
+    if not isinstance(problem.objective, Localisation):
+        raise ValueError(
+            f"method mip needs the objective localisation, got {problem.objective.name}"
+        )
+    search = Search(problem, problem.objective, run)
+    search.start()
+    finished = search.explore()
+    return Proposal(
+        search.incumbent,
+        run.score_bound,
+        Status.FEASIBLE if finished else Status.TIME_LIMIT,
+        search.stats(),
+    )
+
+
+@dataclass(slots=True)
+class Search:
+    """The state of one branch-and-cut: the incumbent, the open nodes, the one linear program."""
+
+    problem: Problem
+    objective: Localisation
+    run: Run
+    incumbent: list[int] = field(default_factory=list)
+    score: float = 0.0
+    nodes: int = 0
+    root_bound: float = np.inf
+    closed_bound: float = -np.inf  # the greatest bound of any node given up as good as done
+    left_at_root: int = 0
+    _open: list[tuple[float, int, Choice]] = field(default_factory=list)
+    _serial: itertools.count[int] = field(default_factory=itertools.count)
+    # The problem as it stands, without the candidates that are ruled out: `_keep` holds the
+    # original numbers of those that are left, and nodes and cuts speak of positions in it.
+    _keep: IntArray = field(init=False)
+    _objective: Localisation = field(init=False)
+    _maker: CutMaker = field(init=False)
+    _program: CutProgram = field(init=False)
+
+    def start(self) -> None:
+        """Find an incumbent by greedy and swaps, and open the root."""
+        from placement.solvers.greedy import climb
+
+        state, _, _ = climb(self.problem, self.run)
+        polish(self.problem, self.run, state)
+        self._offer(np.array(state.selected, dtype=np.int64))
+        root = root_choice(self.problem.constraints)
+        # A candidate that no sample hears from adds nothing: leave it out unless it must be in.
+        deaf = np.diff(self.objective.indptr) == 0
+        deaf[self.problem.constraints.required] = False
+        self._keep = np.arange(self.objective.n_candidates)
+        self._objective = self.objective
+        self._maker = CutMaker(self.objective)
+        root = without(root, deaf)
+        selected = np.array(self.incumbent, dtype=np.int64)
+        cuts = joined([self._maker.submodular(selected[:0]), self._maker.submodular(selected)])
+        self._program = CutProgram(root, cuts, self.objective.information.n_samples)
+        self._push(np.inf, root)
+
+    def explore(self) -> bool:
+        """Work through the open nodes, the highest bound first; return whether none is left."""
+        while self._open:
+            if self._out_of_time():
+                return False
+            negative, _, choice = heapq.heappop(self._open)
+            bound = -negative
+            if bound <= self._threshold():
+                self._close(bound)
+                self._publish(-np.inf)
+                continue
+            self._process(bound, choice)
+            self._publish(-np.inf)
+        self._publish(-np.inf)
+        return True
+
+    def stats(self) -> dict[str, object]:
+        """Return what there is to tell about the search."""
+        return {
+            "nodes": self.nodes,
+            "open_nodes": len(self._open),
+            "cuts": len(self._program.cuts),
+            "root_bound": self.root_bound,
+            "candidates_after_root": self.left_at_root,
+            "bound_from": "cut multipliers of HiGHS, certified in float64",
+        }
+
+    def _process(self, bound: float, choice: Choice) -> None:
+        """Bound one node by cutting; then close it, or branch."""
+        self.nodes += 1
+        root = self.nodes == 1
+        chosen: IntArray | None = None
+        fraction: Fraction | None = None
+        for round_ in range(ROOT_ROUNDS):
+            choice = self._shrink(choice)
+            program = self._program
+            fraction = program.solve(choice, self._remaining())
+            if fraction is None:
+                break
+            before = bound
+            node_bound, loss = cut_bound(
+                program.cuts, fraction.multiplier, choice, self._objective.information.n_samples
+            )
+            bound = min(bound, node_bound)
+            if root:
+                self.root_bound = bound
+                self._publish(bound)
+            self._round(fraction.x, choice, thorough=root or self.nodes % 10 == 0)
+            if bound <= self._threshold():
+                self._close(bound)
+                return
+            if node_bound <= bound:
+                choice = self._fixed(choice, loss, bound)
+            if not choice.feasible:
+                self._close(min(bound, self._threshold()))
+                return
+            whole = bool(np.all(np.minimum(fraction.x, 1.0 - fraction.x) <= WHOLE))
+            if whole:
+                chosen = np.flatnonzero(fraction.x > 0.5)
+                self._offer(self._keep[chosen])
+                cuts = self._violated_at(chosen, fraction)
+            else:
+                stalled = before - bound < STALL * (bound - self.score)
+                if round_ >= (5 if root else 1) and stalled:
+                    break
+                # Many small violations are not worth a round each.
+                worth_it = max(self._violation(fraction.z), 1e-3 * (bound - self.score))
+                cuts = self._maker.separate(fraction.x, fraction.z, worth_it)
+            if not len(cuts) or self._out_of_time():
+                break
+            program.add(cuts)
+        if root:
+            self.left_at_root = int(choice.allowed.sum())
+        if fraction is None and not self._out_of_time():
+            # HiGHS failed on this node, or called it infeasible on its own word: split it blindly.
+            fraction = Fraction(np.where(choice.allowed, 0.5, 0.0), np.zeros(0), np.zeros(0))
+        if fraction is None:
+            self._push(bound, choice)
+            return
+        for child in self._children(choice, fraction.x):
+            self._push(bound, child)
+
+    def _children(self, choice: Choice, x: FloatArray) -> list[Choice]:
+        """Split a node: use a group or not; where it is used, one half of its poses or the other.
+
+        Return an empty list if exactly one placement is left, which is then offered.
+        """
+        mass = np.bincount(choice.group, x * choice.allowed, len(choice.used))
+        left = np.bincount(choice.group[choice.allowed], minlength=len(choice.used))
+        undecided = ~choice.used & (left > 0)
+        fractional = np.minimum(mass, 1.0 - mass)
+        if np.any(undecided & (fractional > WHOLE)):
+            at = int(np.argmax(np.where(undecided, fractional, -1.0)))
+            return self._use_or_not(choice, at)
+        spread = np.bincount(choice.group, np.minimum(x, 1.0 - x) * choice.allowed, len(mass))
+        several = left > 1
+        if np.any(several & (spread > WHOLE)):
+            return self._halves(choice, int(np.argmax(np.where(several, spread, -1.0))), x)
+        # Nothing is fractional, yet bound and score differ: any decision will do.
+        if np.any(choice.used & several):
+            return self._halves(choice, int(np.argmax(choice.used & several)), x)
+        if np.any(undecided) and choice.used.sum() < choice.budget:
+            return self._use_or_not(choice, int(np.argmax(undecided * (1.0 + mass))))
+        last = best_choice(choice, np.where(choice.used[choice.group], 1.0, -1.0))[0]
+        self._offer(self._keep[last])
+        return []
+
+    def _use_or_not(self, choice: Choice, group: int) -> list[Choice]:
+        children = [using(choice, group), without(choice, choice.group == group)]
+        return [child for child in children if child.feasible]
+
+    def _halves(self, choice: Choice, group: int, x: FloatArray) -> list[Choice]:
+        members = np.flatnonzero((choice.group == group) & choice.allowed)
+        # Alternate by weight, so that each half has about half of it.
+        order = members[np.argsort(-x[members], kind="stable")]
+        halves = [order[0::2], order[1::2]]
+        if not choice.used[group]:
+            children = [without(choice, half) for half in halves]
+            return [child for child in children if child.feasible]
+        return [without(choice, half) for half in halves]
+
+    def _fixed(self, choice: Choice, loss: FloatArray, bound: float) -> Choice:
+        """Leave out every candidate that no placement beating the incumbent can hold."""
+        slack = bound - self.score + 1e-9 * abs(bound)
+        return without(choice, choice.allowed & (loss > slack))
+
+    def _round(self, x: FloatArray, choice: Choice, *, thorough: bool) -> None:
+        """Try the placement nearest to x; polish it if that is worth the time."""
+        worth = x + 1e-9 * choice.allowed
+        selected, _ = best_choice(choice, np.where(choice.allowed, worth, 0.0))
+        self._offer(self._keep[selected], polishing=thorough)
+
+    def _offer(self, selected: IntArray, *, polishing: bool = False) -> None:
+        """Keep `selected` if it is a placement and better than the incumbent."""
+        if self.problem.constraints.violations(selected):
+            return
+        score = self.objective.value(selected)
+        if polishing and not self._out_of_time():
+            kept = self.run.incumbent
+            state = self.objective.state(selected)
+            polish(self.problem, self.run, state)
+            self.run.incumbent = kept
+            selected = np.array(state.selected, dtype=np.int64)
+            score = self.objective.value(selected)
+        if score > self.score or not self.incumbent:
+            self.score = score
+            self.incumbent = [int(i) for i in np.sort(selected)]
+            self.run.incumbent = self.incumbent
+
+    def _violated_at(self, chosen: IntArray, fraction: Fraction) -> Cuts:
+        """Return the cuts at R = the chosen set, tight there, that its levels violate."""
+        cuts = self._maker.submodular(chosen)
+        return cuts.subset(
+            fraction.z[cuts.sample] > cuts.at(fraction.x) + self._violation(fraction.z)
+        )
+
+    def _violation(self, z: FloatArray) -> float:
+        """Return the least violation worth a cut: all of them together stay within TOLERANCE."""
+        return 0.2 * TOLERANCE * max(abs(self.score), 1e-6) / max(len(z), 1)
+
+    def _shrink(self, choice: Choice) -> Choice:
+        """Drop from objective, cuts and nodes the candidates that no open node allows.
+
+        Done only once half of them are gone, as the linear program then starts cold. Return
+        `choice` in the new numbering.
+        """
+        allowed = choice.allowed.copy()
+        for _, _, other in self._open:
+            allowed |= other.allowed
+        if allowed.sum() > 0.5 * self._keep.size:
+            return choice
+        keep = np.flatnonzero(allowed)
+        position = np.full(self._keep.size, -1, dtype=np.int64)
+        position[keep] = np.arange(keep.size)
+        self._open = [(b, serial, restricted_choice(c, keep)) for b, serial, c in self._open]
+        self._keep = self._keep[keep]
+        self._objective = restricted_objective(self._objective, keep)
+        self._maker = CutMaker(self._objective)
+        cuts = self._program.cuts.renumbered(position)
+        everything = Choice(choice.group[keep], allowed[keep], choice.used, choice.budget)
+        self._program = CutProgram(everything, cuts, self._objective.information.n_samples)
+        return restricted_choice(choice, keep)
+
+    def _push(self, bound: float, choice: Choice) -> None:
+        heapq.heappush(self._open, (-bound, next(self._serial), choice))
+
+    def _close(self, bound: float) -> None:
+        self.closed_bound = max(self.closed_bound, bound)
+
+    def _threshold(self) -> float:
+        return self.score + TOLERANCE * abs(self.score)
+
+    def _publish(self, current: float) -> None:
+        """Tell the run the best bound proven so far: the worst over every node not refuted."""
+        worst = max(self.closed_bound, current, self.score)
+        if self._open:
+            worst = max(worst, -self._open[0][0])
+        if self.run.score_bound is None or worst < self.run.score_bound:
+            self.run.score_bound = worst
+        gap = (self.run.score_bound - self.score) / max(abs(self.score), 1e-300)
+        self.run.progress(
+            f"{self.nodes} nodes, score {self.score:.6g}, gap {100.0 * gap:.3g} %", None
+        )
+
+    def _remaining(self) -> float:
+        return max(0.0, self.run.remaining() - LEAVE_TIME_S)
+
+    def _out_of_time(self) -> bool:
+        return self._remaining() <= 0.0
