@@ -18,13 +18,15 @@ class Problem:
     """Choose candidates to optimise `objective` under `constraints`.
 
     `arc_length_m` (c,) places each candidate's mount along the path and `path_length_m` is the
-    path's length; both are needed by `uniform` alone and are None for bare information problems.
+    path's length; `uniform` needs both, and they are None for bare information problems.
+    `cheap_scores()` returns a score (c,) for each candidate alone, by which `cascade` sorts poses.
     """
 
     objective: Objective
     constraints: Constraints
     arc_length_m: FloatArray | None = None
     path_length_m: float | None = None
+    cheap_scores: Callable[[], FloatArray] | None = None
 
     def __post_init__(self) -> None:
         """Check that objective and constraints speak of the same candidates."""

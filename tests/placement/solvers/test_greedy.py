@@ -64,3 +64,44 @@ def test_the_bound_is_exact_where_cameras_do_not_overlap() -> None:
     state, _, _ = climb(problem, run)
     assert sorted(state.selected) == [35, 36, 37, 38, 39]
     assert run.score_bound == pytest.approx(state.score, rel=1e-13)
+
+
+class Pairs:
+    """Worth 1 a camera, and 10 more where both of a pair (2i, 2i + 1) stand; not submodular."""
+
+    name, unit, maximise, submodular, n_candidates = "pairs", "points", True, False, 6
+
+    def value(self, selected: np.ndarray) -> float:
+        pairs, counts = np.unique(np.asarray(selected) // 2, return_counts=True)
+        return float(np.sum(counts) + 10.0 * np.sum(counts == 2) + 0.1 * np.any(pairs == 1))
+
+    def state(self, selected: np.ndarray | None = None) -> PairsState:
+        return PairsState(self, [] if selected is None else list(selected))
+
+
+class PairsState:
+    def __init__(self, objective: Pairs, selected: list[int]) -> None:
+        self.objective, self.selected = objective, selected
+
+    @property
+    def score(self) -> float:
+        return self.objective.value(np.array(self.selected, dtype=np.int64))
+
+    def gains(self, candidates: np.ndarray | None = None) -> np.ndarray:
+        rows = np.arange(6) if candidates is None else candidates
+        both = [np.union1d(self.selected, [i]).astype(np.int64) for i in rows]
+        return np.array([self.objective.value(s) for s in both]) - self.score
+
+    def add(self, candidate: int) -> None:
+        self.selected = [*self.selected, candidate]
+
+    def remove(self, candidate: int) -> None:
+        self.selected = [i for i in self.selected if i != candidate]
+
+
+def test_gains_that_grow_are_seen_where_the_objective_is_not_submodular() -> None:
+    run = Run(np.random.default_rng(0))
+    state, _, _ = climb(Problem(Pairs(), count_only(6, 3)), run)
+    # 2 is worth most alone; then 3, which had been worth no more than any other, completes it.
+    assert state.selected == [2, 3, 0]
+    assert run.score_bound is None
