@@ -57,7 +57,7 @@ def draw_map(axes: Axes, result: Result) -> None:
     solution = result.solution
     gap = "" if solution.gap is None else f", gap {100 * solution.gap:.2g} %"
     axes.set_title(
-        f"{scene.instance.name}: {len(chosen)} cameras by {solution.method}, "
+        f"{_plain(scene.instance.name)}: {len(chosen)} cameras by {solution.method}, "
         f"{solution.objective} {solution.value:.5g} {solution.unit} ({solution.status}{gap})",
         fontsize=9,
     )
@@ -87,3 +87,8 @@ def draw_profile(axes: Axes, result: Result) -> None:
     axes.set_xlim(0.0, result.scene.road.length_m)
     axes.set_ylim(bottom=0.0)
     axes.legend(loc="upper left", fontsize=8)
+
+
+def _plain(text: str) -> str:
+    """Keep matplotlib from reading a name as a formula."""
+    return text.replace("$", r"\$")
