@@ -18,7 +18,7 @@ from models.roads import RoadPoints
 from placement import information_kernels as kernels
 from placement.sample_tree import SampleTree, build_tree
 
-CHUNK = 65_536  # poses whose camera tables exist at one time, 14 MB
+CHUNK = 16_384  # poses whose camera tables exist at one time: 3.4 MB, which the caches hold
 SHARE = 512  # poses a thread takes at one time
 
 

@@ -78,6 +78,8 @@ def walk_poses(
     out = np.empty((blocks.shape[1], LEAF))
     jacobian = np.empty((2, N_OFFSETS))
     for i in range(begin, end):
+        if write and indptr[i + 1] == indptr[i]:
+            continue
         row = table[i]
         bound_view(row, planes)
         far = reach(row, parameters, max_range_m)
@@ -95,8 +97,8 @@ def walk_poses(
                         if offsets.shape[0] > 0:
                             dx, dy = samples[0, start + j] - row[X], samples[1, start + j] - row[Y]
                             cos, sin = samples[2, start + j], samples[3, start + j]
-                            _write_white(row, parameters, dx, dy, cos, sin, white[at])
-                            _write_offsets(row, sigmas, dx, dy, cos, sin, jacobian, offsets[at])
+                            _write_white(row, parameters, dx, dy, cos, sin, white, at)
+                            _write_offsets(row, sigmas, dx, dy, cos, sin, jacobian, offsets, at)
                     at += 1
         if not write:
             indptr[i + 1] = at
@@ -124,9 +126,10 @@ def _write_white(
     cos: float,
     sin: float,
     out: NDArray[np.float32],
+    at: int,
 ) -> None:
     xx, xy, yy, _, _, _ = white_and_whole(row, dx, dy, parameters)
-    out[0], out[1], out[2] = road_block(xx, xy, yy, cos, sin)
+    out[at, 0], out[at, 1], out[at, 2] = road_block(xx, xy, yy, cos, sin)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -139,12 +142,13 @@ def _write_offsets(
     sin: float,
     jacobian: FloatArray,
     out: NDArray[np.float32],
+    at: int,
 ) -> None:
     offset_jacobian(row, dx, dy, jacobian)
     for j in range(N_OFFSETS):
         x, y = sigmas[j] * jacobian[0, j], sigmas[j] * jacobian[1, j]
-        out[0, j] = cos * x + sin * y
-        out[1, j] = cos * y - sin * x
+        out[at, 0, j] = cos * x + sin * y
+        out[at, 1, j] = cos * y - sin * x
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
