@@ -15,6 +15,7 @@ import numpy as np
 from models.geometry import FloatArray, IntArray
 from placement.objectives.navigation import DrivePart, NavigationObjective, WhiteDrive
 from placement.objectives.navigation_chain import Drive
+from placement.objectives.navigation_offsets import OffsetEntropy
 from placement.objectives.window_entropy import (
     block_transfers,
     empty_transfers,
@@ -39,7 +40,7 @@ class Entropy(NavigationObjective):
     submodular = True
 
     def _part(self, drive: Drive) -> DrivePart:
-        return WhiteEntropy(drive)
+        return OffsetEntropy(drive) if drive.persistent else WhiteEntropy(drive)
 
 
 class WhiteEntropy:

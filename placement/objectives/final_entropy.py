@@ -7,19 +7,23 @@ It is monotone but not submodular: the measurements are not independent given th
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from models.geometry import FloatArray, IntArray
 from placement.objectives.navigation import DrivePart, NavigationObjective, WhiteDrive
 from placement.objectives.navigation_chain import Drive
+from placement.objectives.navigation_offsets import OffsetFinalEntropy
 from placement.objectives.window_entropy import N_TRANSFER
 from placement.objectives.window_filter import empty_messages, filter_forward, trace_against
-from placement.objectives.window_final import log_det, transfers_to_end, window_final_falls
+from placement.objectives.window_final import (
+    LOG_2_PI_E_CUBED,
+    half_inverse,
+    negative_entropy,
+    require_finite,
+    transfers_to_end,
+    window_final_falls,
+)
 from placement.objectives.window_trace import filter_adjoint, position_slopes
-
-LOG_2_PI_E_CUBED = 3.0 * math.log(2.0 * math.pi * math.e)
 
 
 class FinalEntropy(NavigationObjective):
@@ -31,7 +35,7 @@ class FinalEntropy(NavigationObjective):
     submodular = False
 
     def _part(self, drive: Drive) -> DrivePart:
-        return WhiteFinalEntropy(drive)
+        return OffsetFinalEntropy(drive) if drive.persistent else WhiteFinalEntropy(drive)
 
 
 class WhiteFinalEntropy:
@@ -40,11 +44,7 @@ class WhiteFinalEntropy:
     def __init__(self, drive: Drive) -> None:
         """Lay the drive out; refuse one that ends without any uncertainty to speak of."""
         self.drive = WhiteDrive(drive)
-        if not math.isfinite(self.score(np.empty(0, dtype=np.int64))):
-            raise ValueError(
-                "vehicle odometry noise and initial_sigma leave the final state exactly known "
-                "in some direction, so its entropy is not finite"
-            )
+        require_finite(self.score(np.empty(0, dtype=np.int64)))
 
     def score(self, selected: IntArray) -> float:
         """Return −½ log((2πe)³ det P_T) of a placement, in nats."""
@@ -54,7 +54,7 @@ class WhiteFinalEntropy:
         self, total: FloatArray, before: FloatArray, after: FloatArray, logs: FloatArray
     ) -> float:
         filter_forward(self.drive.steps, self.drive.p0, total, before, after, logs)
-        return -0.5 * float(LOG_2_PI_E_CUBED + log_det(after[-1]))
+        return negative_entropy(after[-1])
 
     def messages(self, selected: IntArray) -> WhiteFinalMessages:
         """Filter forward once, and build the maps to the end backward."""
@@ -67,9 +67,7 @@ class WhiteFinalEntropy:
         total = d.total(support, x[support])
         before, after, logs = empty_messages(d.n_samples)
         score = self._score(total, before, after, logs)
-        tt, tn, th, nn, nh, hh = after[-1]
-        inverse = np.linalg.inv(np.array([[tt, tn, th], [tn, nn, nh], [th, nh, hh]]))
-        seed = 0.5 * inverse[np.triu_indices(3)]
+        seed = half_inverse(after[-1])
         future = np.empty_like(after)
         filter_adjoint(d.steps, total, before, seed, 0.0, 0.0, future)
         slopes = np.empty((d.n_samples, 3))

@@ -17,6 +17,7 @@ import numpy as np
 from models.geometry import FloatArray, IntArray
 from placement.objectives.navigation import DrivePart, NavigationObjective, WhiteDrive
 from placement.objectives.navigation_chain import Drive
+from placement.objectives.navigation_offsets import OffsetTrace
 from placement.objectives.window_filter import (
     empty_messages,
     filter_forward,
@@ -49,7 +50,8 @@ class Trace(NavigationObjective):
         super().__init__(drives)
 
     def _part(self, drive: Drive) -> DrivePart:
-        return WhiteTrace(drive, *WEIGHTS[self.weight])
+        part = OffsetTrace if drive.persistent else WhiteTrace
+        return part(drive, *WEIGHTS[self.weight])
 
 
 class WhiteTrace:

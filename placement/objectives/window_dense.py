@@ -51,15 +51,16 @@ class DenseDrive:
             entries = entries[info.indices[entries] <= until]
         n = entries.size
         where = (3 * info.indices[entries].astype(np.int64)[:, None] + np.arange(2)).ravel()
-        w: FloatArray = np.zeros((2 * n, 2 * n))
+        w = np.zeros((2 * n, 2 * n))
         for k, e in enumerate(entries):
             b = info.frames_per_sample * blocks[e].astype(np.float64)
             tt, tn, nn = (b[0], 0.0, b[0]) if b.size == 1 else b
             w[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = [[tt, tn], [tn, nn]]
         if self.drive.persistent and info.offsets is not None:
-            jacobian = info.offsets[entries].astype(np.float64).reshape(2 * n, -1)
+            jacobian = info.offsets[entries].astype(np.float64)
+            jacobian = jacobian.reshape(2 * n, info.offsets.shape[2])
             wb = w @ jacobian
-            w -= wb @ np.linalg.solve(np.eye(jacobian.shape[1]) + jacobian.T @ wb, wb.T)
+            w[:] -= wb @ np.linalg.solve(np.eye(jacobian.shape[1]) + jacobian.T @ wb, wb.T)
         out = np.zeros_like(self.prior)
         out[np.ix_(where, where)] = w
         return out
@@ -80,7 +81,7 @@ class DenseDrive:
         """Return the filter's covariance (3, 3) of state `until` from samples ≤ `until`."""
         n = len(self.prior)
         gained = np.eye(n) + self.prior @ self.information(x, until)
-        posterior: FloatArray = np.linalg.solve(gained, self.prior)
+        posterior = np.asarray(np.linalg.solve(gained, self.prior), dtype=np.float64)
         return posterior[3 * until : 3 * until + 3, 3 * until : 3 * until + 3]
 
     def trace(self, x: FloatArray, weight: str = "position") -> float:

@@ -11,8 +11,11 @@ import math
 import numpy as np
 from numba import njit
 
+from models.geometry import FloatArray
 from placement.objectives.window_entropy import cross_block
 from placement.objectives.window_filter import parallel, predict, put6, row6, update
+
+LOG_2_PI_E_CUBED = 3.0 * math.log(2.0 * math.pi * math.e)
 
 
 @njit(cache=True, inline="always")
@@ -115,3 +118,24 @@ def window_final_falls(  # type: ignore[no-untyped-def]
             p = predict(p, steps[t])
         end, _ = cross_block(p, transfers[t])
         out[k] = base - log_det(end)
+
+
+def negative_entropy(covariance: FloatArray) -> float:
+    """Return −½ log((2πe)³ det P) of a covariance (6,), in nats."""
+    return -0.5 * float(LOG_2_PI_E_CUBED + log_det(covariance))
+
+
+def half_inverse(covariance: FloatArray) -> FloatArray:
+    """Return ½ P⁻¹ (6,): the derivative of ½ log det P."""
+    tt, tn, th, nn, nh, hh = covariance
+    inverse = np.linalg.inv(np.array([[tt, tn, th], [tn, nn, nh], [th, nh, hh]]))
+    return np.asarray(0.5 * inverse[np.triu_indices(3)], dtype=np.float64)
+
+
+def require_finite(score: float) -> None:
+    """Refuse a drive that ends without any uncertainty to speak of."""
+    if not math.isfinite(score):
+        raise ValueError(
+            "vehicle odometry noise and initial_sigma leave the final state exactly known "
+            "in some direction, so its entropy is not finite"
+        )

@@ -19,6 +19,9 @@ CASES = [
     pytest.param({}, id="full blocks"),
     pytest.param({"n_samples": 75, "wrap": True}, id="windows over the lap's end"),
     pytest.param({"n_samples": 40, "odometry": CAR, "initial_sigma": (0.1, 0.1, 0.01)}, id="car"),
+    pytest.param({"offsets": 2}, id="two offsets"),
+    pytest.param({"offsets": 6, "isotropic": True, "longest_window": 20}, id="six offsets"),
+    pytest.param({"n_samples": 70, "wrap": True, "offsets": 3}, id="offsets over the lap's end"),
     pytest.param({"strength": 1e4, "initial_sigma": (30.0, 30.0, 0.3)}, id="strong cameras"),
 ]
 

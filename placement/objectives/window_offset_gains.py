@@ -1,0 +1,324 @@
+"""Gains of candidates with persistent offsets: the window walk of `window_offsets`' filter.
+
+A candidate's offsets ride along as p more states over its own window, right behind the first
+three. Entropy gains end at the window's last sample, against the stored information of later
+ones; falls of the trace are followed under the bound of `window_trace`, which holds for the
+larger state as it stands.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from placement.objectives.window_filter import RESCALE
+from placement.objectives.window_offsets import (
+    drop_unseen,
+    enter_state,
+    find,
+    leave_state,
+    log_det_definite,
+    pass_sample,
+    predict_state,
+    pull_rows,
+    set_initial,
+    spread,
+    store,
+    update_state,
+)
+from placement.objectives.window_trace import TAIL_TOLERANCE
+
+
+@njit(cache=True)
+def load_before(t, m, base, p0, matrices, plan, p, active):  # type: ignore[no-untyped-def]
+    """Set `m` to the state after sample t − 1 with room for `base` leading states.
+
+    Returns the numbers of states and active slots.
+    """
+    if t == 0:
+        m[:base, :base] = 0.0
+        set_initial(m, p0)
+        return base, 0
+    first = plan.in_view_ptr[t - 1]
+    n_active = plan.in_view_ptr[t] - first
+    for a in range(n_active):
+        active[a] = plan.in_view[first + a]
+    stored = 3 + p * n_active
+    start = plan.matrix_ptr[t - 1]
+    shift = base - 3
+    for i in range(stored):
+        row = i if i < 3 else i + shift
+        for j in range(stored):
+            m[row, j if j < 3 else j + shift] = matrices[start + i * stored + j]
+    return stored + shift, n_active
+
+
+@njit(cache=True)
+def insert_candidate(m, n, p):  # type: ignore[no-untyped-def]
+    """Make states 3…3 + p − 1 the candidate's offsets, independent and of unit variance."""
+    for i in range(3, 3 + p):
+        for j in range(n):
+            m[i, j] = 0.0
+            m[j, i] = 0.0
+        m[i, i] = 1.0
+
+
+@njit(cache=True)
+def log_det_plus_flat(m, n, flat, start, low, work):  # type: ignore[no-untyped-def]
+    """Return log det(I + P G) for the leading n × n of `m` and G in flat storage."""
+    for j in range(n):  # Cholesky P = L Lᵀ; an exactly known state has a column of zeros
+        for i in range(j, n):
+            s = m[i, j]
+            for k in range(j):
+                s -= low[i, k] * low[j, k]
+            if i == j:
+                low[j, j] = math.sqrt(max(s, 0.0))
+            else:
+                low[i, j] = s / low[j, j] if low[j, j] > 0.0 else 0.0
+    for i in range(n):  # work = G L
+        for j in range(n):
+            work[i, j] = 0.0
+        for k in range(n):
+            g = flat[start + i * n + k]
+            for j in range(k + 1):
+                work[i, j] += g * low[k, j]
+    # low ← I + Lᵀ G L, built row by row into the upper part of work's copy
+    out = np.eye(n)
+    for k in range(n):
+        for i in range(k + 1):
+            g = low[k, i]
+            for j in range(n):
+                out[i, j] += g * work[k, j]
+    return log_det_definite(out, n)
+
+
+@njit(cache=True)
+def offsets_through(views, plan, matrices, later, log_before, log_sum, through):  # type: ignore[no-untyped-def]
+    """Fill `through` (t,): earlier and present log dets, and log det(I + P_t Γ_t)."""
+    n_samples, p = through.size, views.offsets.shape[2]
+    m = np.empty((plan.widest, plan.widest))
+    low, work = np.empty_like(m), np.empty_like(m)
+    for t in range(n_samples):
+        n = 3 + p * (plan.in_view_ptr[t + 1] - plan.in_view_ptr[t])
+        start = plan.matrix_ptr[t]
+        for i in range(n):
+            for j in range(n):
+                m[i, j] = matrices[start + i * n + j]
+        done = log_before[t + 1] if t + 1 < n_samples else log_sum
+        through[t] = done + log_det_plus_flat(m, n, later, start, low, work)
+
+
+@njit(cache=True)
+def offset_forgetting(views, plan, matrices, later, out):  # type: ignore[no-untyped-def]
+    """Fill `out`, laid out as `later`, with G = (I + Γ P)⁻¹ Γ for each sample."""
+    p = views.offsets.shape[2]
+    for t in range(plan.in_view_ptr.size - 1):
+        n = 3 + p * (plan.in_view_ptr[t + 1] - plan.in_view_ptr[t])
+        a, b = plan.matrix_ptr[t], plan.matrix_ptr[t + 1]
+        g = later[a:b].reshape((n, n))
+        m = matrices[a:b].reshape((n, n))
+        store(out, a, np.linalg.solve(np.eye(n) + g @ m, g), n)
+
+
+@njit(cache=True)
+def offset_adjoint(steps, p0, views, plan, matrices, seed, w_tt, w_nn, future):  # type: ignore[no-untyped-def]
+    """Fill `future`, laid out as `matrices`: the derivative of what comes after by the covariance.
+
+    What comes after sample t is Σ_{τ > t} (w_tt P_tt + w_nn P_nn)_τ and tr(`seed` P_T) over the
+    first three states at the last sample; `seed` (6,).
+    """
+    n_samples, p = steps.shape[0], views.offsets.shape[2]
+    g = np.zeros((plan.widest, plan.widest))
+    wide = np.zeros((plan.widest, plan.widest))
+    m = np.zeros((plan.widest, plan.widest))
+    active = np.empty(plan.camera.size, dtype=np.int64)
+    most = 1
+    for t in range(n_samples):
+        most = max(most, plan.measure_ptr[t + 1] - plan.measure_ptr[t])
+    u = np.empty((2, plan.widest))
+    gains = np.empty((most, 2, plan.widest))
+    set_initial(g, seed)
+    store(future, plan.matrix_ptr[n_samples - 1], g, 3)
+    for t in range(n_samples - 1, 0, -1):
+        n, n_active = load_before(t, m, 3, p0, matrices, plan, p, active)
+        n_before = n
+        predict_state(m, n, steps[t])
+        for slot in range(plan.enter_ptr[t], plan.enter_ptr[t + 1]):
+            n = enter_state(m, n, p, 1.0)
+            active[n_active] = slot
+            n_active += 1
+        first, stop = plan.measure_ptr[t], plan.measure_ptr[t + 1]
+        for k in range(first, stop):
+            slot = plan.measure_slot[k]
+            at = 3 + p * find(active, n_active, slot)
+            update_state(
+                m, n, at, views, plan.measure_entry[k], plan.share[slot], u, gains[k - first]
+            )
+        wide[:n, :n] = 0.0
+        kept = plan.in_view[plan.in_view_ptr[t] : plan.in_view_ptr[t + 1]]
+        spread(g, kept, active[:n_active], p, wide)
+        wide[0, 0] += w_tt
+        wide[1, 1] += w_nn
+        for k in range(stop - 1, first - 1, -1):
+            slot = plan.measure_slot[k]
+            at = 3 + p * find(active, n_active, slot)
+            undo_update(
+                wide, n, at, views, plan.measure_entry[k], plan.share[slot], gains[k - first]
+            )
+        n = n_before
+        pull_rows(wide, n, steps[t])
+        g[:n, :n] = wide[:n, :n]
+        store(future, plan.matrix_ptr[t - 1], g, n)
+
+
+@njit(cache=True)
+def undo_update(g, n, at, views, e, share, v):  # type: ignore[no-untyped-def]
+    """Replace `g` by Lᵀ g L, L = I − v H, the derivative of the update with entry e."""
+    p = views.offsets.shape[2]
+    unit = 1.0 / math.sqrt(share)
+    y = np.zeros((2, n))
+    for i in range(n):
+        for r in range(2):
+            for j in range(n):
+                y[r, i] += g[i, j] * v[r, j]
+    s = np.zeros((2, 2))
+    for i in range(n):
+        for a in range(2):
+            for b in range(2):
+                s[a, b] += v[a, i] * y[b, i]
+    for k in range(2 + p):
+        col = k if k < 2 else at + k - 2
+        if k < 2:
+            h0, h1 = 1.0 - k, 1.0 * k
+        else:
+            h0, h1 = unit * views.offsets[e, 0, k - 2], unit * views.offsets[e, 1, k - 2]
+        for i in range(n):
+            change = h0 * y[0, i] + h1 * y[1, i]
+            g[i, col] -= change
+            g[col, i] -= change
+        for q in range(2 + p):
+            row = q if q < 2 else at + q - 2
+            if q < 2:
+                f0, f1 = 1.0 - q, 1.0 * q
+            else:
+                f0, f1 = unit * views.offsets[e, 0, q - 2], unit * views.offsets[e, 1, q - 2]
+            g[row, col] += f0 * (s[0, 0] * h0 + s[0, 1] * h1) + f1 * (s[1, 0] * h0 + s[1, 1] * h1)
+
+
+@njit(cache=True)
+def offset_entropy_gains(  # type: ignore[no-untyped-def]
+    rows, steps, p0, views, plan, matrices, later, log_before, through, shares, out
+):
+    """Set out[k] to the rise of the trajectory's log det on adding candidate rows[k], in nats."""
+    p = views.offsets.shape[2]
+    size = plan.widest + p
+    m, low, work = np.zeros((size, size)), np.empty((size, size)), np.empty((size, size))
+    u, v = np.empty((2, size)), np.empty((2, size))
+    active = np.empty(plan.camera.size + 1, dtype=np.int64)
+    for k in range(rows.size):
+        e, stop = views.indptr[rows[k]], views.indptr[rows[k] + 1]
+        out[k] = 0.0
+        if e == stop:
+            continue
+        t = np.int64(views.indices[e])
+        base = 3 + p
+        n, n_active = load_before(t, m, base, p0, matrices, plan, p, active)
+        insert_candidate(m, n, p)
+        log_sum, product = log_before[t], 1.0
+        while True:
+            n, n_active, logs = pass_sample(
+                t, m, n, base, active, n_active, steps, views, plan, u, v
+            )
+            log_sum += logs
+            if views.indices[e] == t:
+                product *= update_state(m, n, 3, views, e, 1.0, u, v)
+                if product > RESCALE:
+                    log_sum += math.log(product)
+                    product = 1.0
+                e += 1
+            n, n_active = drop_unseen(t, m, n, base, active, n_active, p, plan)
+            if e == stop:
+                break
+            t += 1
+        n = leave_state(m, n, 3, p)
+        log_sum += math.log(product) - shares[rows[k]] - through[t]
+        out[k] = log_sum + log_det_plus_flat(m, n, later, plan.matrix_ptr[t], low, work)
+
+
+@njit(cache=True)
+def offset_reductions(  # type: ignore[no-untyped-def]
+    rows, steps, p0, views, plan, matrices, future, forget, w_tt, w_nn, out
+):
+    """Set out[k] to the fall of Σ_t (w_tt P_tt + w_nn P_nn)_t on adding candidate rows[k].
+
+    What the walk leaves open at its end is at most TAIL_TOLERANCE of it (`window_trace`).
+    """
+    p, last = views.offsets.shape[2], steps.shape[0] - 1
+    size = plan.widest + p
+    m = np.zeros((size, size))
+    u, v = np.empty((2, size)), np.empty((2, size))
+    active = np.empty(plan.camera.size + 1, dtype=np.int64)
+    for k in range(rows.size):
+        e, stop = views.indptr[rows[k]], views.indptr[rows[k] + 1]
+        out[k] = 0.0
+        if e == stop:
+            continue
+        t = np.int64(views.indices[e])
+        base = 3 + p
+        n, n_active = load_before(t, m, base, p0, matrices, plan, p, active)
+        insert_candidate(m, n, p)
+        fall = 0.0
+        while True:
+            n, n_active, _ = pass_sample(t, m, n, base, active, n_active, steps, views, plan, u, v)
+            if e < stop and views.indices[e] == t:
+                update_state(m, n, 3, views, e, 1.0, u, v)
+                e += 1
+                if e == stop:
+                    n = leave_state(m, n, 3, p)
+                    base = 3
+            n, n_active = drop_unseen(t, m, n, base, active, n_active, p, plan)
+            start = plan.matrix_ptr[t]
+            stored = n - (base - 3)
+            fall += w_tt * (matrices[start] - m[0, 0])
+            fall += w_nn * (matrices[start + stored + 1] - m[1, 1])
+            if e == stop:
+                tail, rho = 0.0, 0.0
+                for i in range(n):
+                    for j in range(n):
+                        delta = matrices[start + i * n + j] - m[i, j]
+                        tail += delta * future[start + i * n + j]
+                        rho += delta * forget[start + i * n + j]
+                if t == last or (rho < 0.5 and rho * tail <= TAIL_TOLERANCE * (fall + tail)):
+                    fall += tail
+                    break
+            t += 1
+        out[k] = fall
+
+
+@njit(cache=True)
+def offset_final(rows, steps, p0, views, plan, matrices, out):  # type: ignore[no-untyped-def]
+    """Set out[k] (k, 6) to the covariance of the last state with candidate rows[k] added."""
+    p, last = views.offsets.shape[2], steps.shape[0] - 1
+    size = plan.widest + p
+    m = np.zeros((size, size))
+    u, v = np.empty((2, size)), np.empty((2, size))
+    active = np.empty(plan.camera.size + 1, dtype=np.int64)
+    for k in range(rows.size):
+        e, stop = views.indptr[rows[k]], views.indptr[rows[k] + 1]
+        start = np.int64(views.indices[e]) if e < stop else last
+        base = 3 + p
+        n, n_active = load_before(start, m, base, p0, matrices, plan, p, active)
+        insert_candidate(m, n, p)
+        for t in range(start, last + 1):
+            n, n_active, _ = pass_sample(t, m, n, base, active, n_active, steps, views, plan, u, v)
+            if e < stop and views.indices[e] == t:
+                update_state(m, n, 3, views, e, 1.0, u, v)
+                e += 1
+                if e == stop:
+                    n = leave_state(m, n, 3, p)
+                    base = 3
+            n, n_active = drop_unseen(t, m, n, base, active, n_active, p, plan)
+        out[k, 0], out[k, 1], out[k, 2] = m[0, 0], m[0, 1], m[0, 2]
+        out[k, 3], out[k, 4], out[k, 5] = m[1, 1], m[1, 2], m[2, 2]

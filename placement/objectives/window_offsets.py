@@ -1,0 +1,435 @@
+"""The filter with persistent camera offsets: states (e_t, e_n, e_θ) and p offsets a camera in view.
+
+A camera's offsets o ~ N(0, I) shift all its reports: z_t = e_t + B_t o + white noise. Estimating
+them jointly with the car is the Bayes-optimal filter, so the covariance of the first three states
+is that with the offsets marginalised out, at every sample. A camera joins the state at the first
+sample it sees and leaves it after the last; dropping its rows then is exact, as no later
+measurement involves it.
+
+Arrays of one placement hold, for each sample, a square matrix over the states that remain after
+it: three, then p for each camera in view, ordered by the first sample it sees.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from models.geometry import FloatArray, IntArray
+from placement.objectives.navigation_chain import Drive
+from placement.objectives.window_filter import parallel, predict
+
+
+class Views(NamedTuple):
+    """What all candidates see: CSR rows with white information and offset Jacobians."""
+
+    indptr: IntArray
+    indices: NDArray[np.int32]
+    white: NDArray[np.float32]  # (nnz, 1 | 3), one frame
+    offsets: NDArray[np.float32]  # (nnz, 2, p)
+    frames: float
+
+
+class Plan(NamedTuple):
+    """When the cameras of one placement enter, measure and leave; slots are ordered by entry."""
+
+    camera: IntArray  # (k,) candidate of each slot
+    share: FloatArray  # (k,) x of each slot: 1, or less where the choice is fractional
+    last: IntArray  # (k,) last sample of each slot
+    enter_ptr: IntArray  # (t + 1,) slots enter_ptr[t]:enter_ptr[t + 1] enter at sample t
+    measure_ptr: IntArray  # (t + 1,) into the next two
+    measure_slot: IntArray
+    measure_entry: IntArray
+    in_view_ptr: IntArray  # (t + 1,) into the slots that remain after each sample
+    in_view: IntArray
+    matrix_ptr: IntArray  # (t + 1,) into flat storage of the square matrices after each sample
+    widest: int  # most states at any moment
+
+
+def views_of(drive: Drive) -> Views:
+    """Lay out the cameras of a drive with offsets for the kernels."""
+    info = drive.information
+    if info.white is None or info.offsets is None:
+        raise ValueError("information.white and information.offsets are needed, got None")
+    return Views(
+        np.ascontiguousarray(info.indptr, dtype=np.int64),
+        np.ascontiguousarray(info.indices, dtype=np.int32),
+        np.ascontiguousarray(info.white, dtype=np.float32),
+        np.ascontiguousarray(info.offsets, dtype=np.float32),
+        float(info.frames_per_sample),
+    )
+
+
+def make_plan(
+    views: Views, selected: IntArray, n_samples: int, x: FloatArray | None = None
+) -> Plan:
+    """Order the cameras of a placement by when they come into view; those that see nothing go.
+
+    A camera chosen to a fraction x (c,) contributes x times its information, offsets
+    marginalised: its white information counts x times and its offsets' variance is 1 / x.
+    """
+    seeing = selected[views.indptr[selected + 1] > views.indptr[selected]]
+    first = views.indices[views.indptr[seeing]].astype(np.int64)
+    last = views.indices[views.indptr[seeing + 1] - 1].astype(np.int64)
+    order = np.lexsort((seeing, first))
+    camera, first, last = seeing[order], first[order], last[order]
+    counts = views.indptr[camera + 1] - views.indptr[camera]
+    slot = np.repeat(np.arange(camera.size), counts)
+    entry = np.concatenate(
+        [np.arange(views.indptr[i], views.indptr[i + 1]) for i in camera]
+        or [np.empty(0, dtype=np.int64)]
+    )
+    when = views.indices[entry].astype(np.int64)
+    by_time = np.lexsort((slot, when))
+    samples = np.arange(n_samples)
+    after = (first[None, :] <= samples[:, None]) & (samples[:, None] < last[None, :])
+    during = (first[None, :] <= samples[:, None]) & (samples[:, None] <= last[None, :])
+    p = views.offsets.shape[2]
+    states = 3 + p * after.sum(axis=1)
+    return Plan(
+        camera,
+        np.ones(camera.size) if x is None else x[camera],
+        last,
+        np.searchsorted(first, np.arange(n_samples + 1)),
+        np.searchsorted(when[by_time], np.arange(n_samples + 1)),
+        slot[by_time],
+        entry[by_time],
+        np.concatenate([[0], np.cumsum(after.sum(axis=1))]),
+        np.nonzero(after)[1],
+        np.concatenate([[0], np.cumsum(states * states)]),
+        int(3 + p * max(during.sum(axis=1).max(initial=0), 0)),
+    )
+
+
+@njit(cache=True)
+def enter_state(m, n, p, diagonal):  # type: ignore[no-untyped-def]
+    """Append p independent states with that diagonal; return their number."""
+    for i in range(n, n + p):
+        for j in range(n + p):
+            m[i, j] = 0.0
+            m[j, i] = 0.0
+        m[i, i] = diagonal
+    return n + p
+
+
+@njit(cache=True)
+def leave_state(m, n, at, p):  # type: ignore[no-untyped-def]
+    """Drop the p states from `at` on; return how many remain."""
+    for i in range(n):
+        for j in range(at, n - p):
+            m[i, j] = m[i, j + p]
+    for i in range(at, n - p):
+        for j in range(n - p):
+            m[i, j] = m[i + p, j]
+    return n - p
+
+
+@njit(cache=True)
+def predict_state(m, n, step):  # type: ignore[no-untyped-def]
+    """Replace the first three states' rows and columns by those one step on."""
+    c, s, y, x = step[0], step[1], step[2], step[3]
+    q = predict((m[0, 0], m[0, 1], m[0, 2], m[1, 1], m[1, 2], m[2, 2]), step)
+    m[0, 0], m[0, 1], m[0, 2], m[1, 1], m[1, 2], m[2, 2] = q
+    m[1, 0], m[2, 0], m[2, 1] = q[1], q[2], q[4]
+    for j in range(3, n):
+        a, b, h = m[0, j], m[1, j], m[2, j]
+        m[0, j] = c * a + s * b + y * h
+        m[1, j] = c * b - s * a + x * h
+        m[j, 0], m[j, 1] = m[0, j], m[1, j]
+
+
+@njit(cache=True)
+def white_block(views, e, share):  # type: ignore[no-untyped-def]
+    """Return `share` times entry e's white information (tt, tn, nn), all frames of its sample."""
+    factor = share * views.frames
+    if views.white.shape[1] == 1:
+        j = factor * np.float64(views.white[e, 0])
+        return j, 0.0, j
+    return (
+        factor * np.float64(views.white[e, 0]),
+        factor * np.float64(views.white[e, 1]),
+        factor * np.float64(views.white[e, 2]),
+    )
+
+
+@njit(cache=True)
+def update_state(m, n, at, views, e, share, u, v):  # type: ignore[no-untyped-def]
+    """Learn entry e of a camera whose offsets start at state `at`; return det(I + H P Hᵀ J).
+
+    The states are offsets times √share, so that their prior variance is 1. Leaves P Hᵀ in `u`
+    (2, n) and P HᵀA in `v` (2, n), A = (J⁻¹ + H P Hᵀ)⁻¹, for the adjoint.
+    """
+    p = views.offsets.shape[2]
+    unit = 1.0 / math.sqrt(share)
+    for r in range(2):
+        for i in range(n):
+            u[r, i] = m[r, i]
+        for q in range(p):
+            b = unit * views.offsets[e, r, q]
+            for i in range(n):
+                u[r, i] += b * m[at + q, i]
+    s00, s01, s11 = u[0, 0], u[0, 1], u[1, 1]
+    for q in range(p):
+        b0, b1 = unit * views.offsets[e, 0, q], unit * views.offsets[e, 1, q]
+        s00 += b0 * u[0, at + q]
+        s01 += b1 * u[0, at + q]
+        s11 += b1 * u[1, at + q]
+    jtt, jtn, jnn = white_block(views, e, share)
+    det_j = jtt * jnn - jtn * jtn
+    det = 1.0 + s00 * jtt + 2.0 * s01 * jtn + s11 * jnn + (s00 * s11 - s01 * s01) * det_j
+    a00, a01, a11 = (
+        (jtt + det_j * s11) / det,
+        (jtn - det_j * s01) / det,
+        (jnn + det_j * s00) / det,
+    )
+    for i in range(n):
+        v[0, i] = a00 * u[0, i] + a01 * u[1, i]
+        v[1, i] = a01 * u[0, i] + a11 * u[1, i]
+    for i in range(n):
+        v0, v1 = v[0, i], v[1, i]
+        for j in range(n):
+            m[i, j] -= v0 * u[0, j] + v1 * u[1, j]
+    return det
+
+
+@njit(cache=True)
+def find(active, n_active, slot):  # type: ignore[no-untyped-def]
+    """Return where `slot` stands among the active ones."""
+    for a in range(n_active):
+        if active[a] == slot:
+            return a
+    return -1
+
+
+@njit(cache=True)
+def pass_sample(t, m, n, base, active, n_active, steps, views, plan, u, v):  # type: ignore[no-untyped-def]
+    """Advance to sample t and learn what the placement's cameras see there.
+
+    Offsets of active slots start at state `base`. Cameras seen last at t stay in the state.
+    Returns the numbers of states and active slots, and Σ log det.
+    """
+    p = views.offsets.shape[2]
+    if t > 0:
+        predict_state(m, n, steps[t])
+    for slot in range(plan.enter_ptr[t], plan.enter_ptr[t + 1]):
+        n = enter_state(m, n, p, 1.0)
+        active[n_active] = slot
+        n_active += 1
+    log_sum = 0.0
+    for k in range(plan.measure_ptr[t], plan.measure_ptr[t + 1]):
+        slot = plan.measure_slot[k]
+        at = base + p * find(active, n_active, slot)
+        share = plan.share[slot]
+        log_sum += math.log(update_state(m, n, at, views, plan.measure_entry[k], share, u, v))
+    return n, n_active, log_sum
+
+
+@njit(cache=True)
+def drop_unseen(t, m, n, base, active, n_active, p, plan):  # type: ignore[no-untyped-def]
+    """Drop the offsets of cameras that see nothing after sample t; return the two numbers."""
+    a = 0
+    while a < n_active:
+        if plan.last[active[a]] <= t:
+            n = leave_state(m, n, base + p * a, p)
+            for b in range(a, n_active - 1):
+                active[b] = active[b + 1]
+            n_active -= 1
+        else:
+            a += 1
+    return n, n_active
+
+
+@njit(cache=True)
+def store(flat, start, m, n):  # type: ignore[no-untyped-def]
+    """Write the leading n × n of `m` into flat storage."""
+    for i in range(n):
+        for j in range(n):
+            flat[start + i * n + j] = m[i, j]
+
+
+@njit(cache=True)
+def set_initial(m, p0):  # type: ignore[no-untyped-def]
+    """Write a covariance (6,) as the three states of `m`."""
+    m[0, 0], m[1, 1], m[2, 2] = p0[0], p0[3], p0[5]
+    m[0, 1], m[0, 2], m[1, 2] = p0[1], p0[2], p0[4]
+    m[1, 0], m[2, 0], m[2, 1] = p0[1], p0[2], p0[4]
+
+
+@njit(cache=True)
+def filter_offsets(steps, p0, views, plan, matrices, log_before):  # type: ignore[no-untyped-def]
+    """Filter forward; fill the covariance after each sample and earlier samples' log dets.
+
+    Returns Σ log det over all samples, offsets included: the caller takes off their own share.
+    """
+    n_samples, p = steps.shape[0], views.offsets.shape[2]
+    m = np.zeros((plan.widest, plan.widest))
+    u, v = np.empty((2, plan.widest)), np.empty((2, plan.widest))
+    active = np.empty(plan.camera.size, dtype=np.int64)
+    set_initial(m, p0)
+    n, n_active, log_sum = 3, 0, 0.0
+    for t in range(n_samples):
+        log_before[t] = log_sum
+        n, n_active, logs = pass_sample(t, m, n, 3, active, n_active, steps, views, plan, u, v)
+        log_sum += logs
+        n, n_active = drop_unseen(t, m, n, 3, active, n_active, p, plan)
+        store(matrices, plan.matrix_ptr[t], m, n)
+    return log_sum
+
+
+@njit(cache=True)
+def inform_offsets(steps, views, plan, matrices):  # type: ignore[no-untyped-def]
+    """Fill the information that later samples hold about the states after each sample."""
+    n_samples, p = steps.shape[0], views.offsets.shape[2]
+    g = np.zeros((plan.widest, plan.widest))
+    wide = np.zeros((plan.widest, plan.widest))
+    h = np.empty((2, 3 + p))
+    n = 3
+    store(matrices, plan.matrix_ptr[n_samples - 1], g, n)
+    for t in range(n_samples - 1, 0, -1):
+        # the states during sample t: those before it, then those that enter at t
+        before, entering = plan.in_view_ptr[t - 1], plan.enter_ptr[t]
+        n_before = plan.in_view_ptr[t] - before
+        slots = np.empty(n_before + plan.enter_ptr[t + 1] - entering, dtype=np.int64)
+        slots[:n_before] = plan.in_view[before : before + n_before]
+        slots[n_before:] = np.arange(entering, plan.enter_ptr[t + 1])
+        width = 3 + p * slots.size
+        wide[:width, :width] = 0.0
+        spread(g, plan.in_view[plan.in_view_ptr[t] : plan.in_view_ptr[t + 1]], slots, p, wide)
+        for k in range(plan.measure_ptr[t], plan.measure_ptr[t + 1]):
+            slot = plan.measure_slot[k]
+            at = 3 + p * find(slots, slots.size, slot)
+            add_measurement(wide, at, views, plan.measure_entry[k], plan.share[slot], h)
+        n = 3 + p * n_before
+        while width > n:
+            marginalise_last(wide, width, p)
+            width -= p
+        step_back(wide, n, steps[t])
+        g[:n, :n] = wide[:n, :n]
+        store(matrices, plan.matrix_ptr[t - 1], g, n)
+
+
+@njit(cache=True)
+def spread(g, some, slots, p, wide):  # type: ignore[no-untyped-def]
+    """Write `g` over the states of `some` slots into `wide`, over those of `slots`."""
+    where = np.empty(3 + p * some.size, dtype=np.int64)
+    where[:3] = np.arange(3)
+    for a in range(some.size):
+        at = 3 + p * find(slots, slots.size, some[a])
+        for q in range(p):
+            where[3 + p * a + q] = at + q
+    for i in range(where.size):
+        for j in range(where.size):
+            wide[where[i], where[j]] = g[i, j]
+
+
+@njit(cache=True)
+def add_measurement(g, at, views, e, share, h):  # type: ignore[no-untyped-def]
+    """Add Hᵀ J H of entry e, whose camera's offsets start at state `at`."""
+    p = views.offsets.shape[2]
+    unit = 1.0 / math.sqrt(share)
+    jtt, jtn, jnn = white_block(views, e, share)
+    h[:, :3] = 0.0
+    h[0, 0], h[1, 1] = 1.0, 1.0
+    for q in range(p):
+        h[0, 3 + q], h[1, 3 + q] = unit * views.offsets[e, 0, q], unit * views.offsets[e, 1, q]
+    for i in range(3 + p):
+        row = i if i < 3 else at + i - 3
+        a, b = jtt * h[0, i] + jtn * h[1, i], jtn * h[0, i] + jnn * h[1, i]
+        for j in range(3 + p):
+            g[row, j if j < 3 else at + j - 3] += a * h[0, j] + b * h[1, j]
+
+
+@njit(cache=True)
+def marginalise_last(g, n, p):  # type: ignore[no-untyped-def]
+    """Take the last p states, whose prior information is the identity, out of `g` (n, n)."""
+    for k in range(n - 1, n - p - 1, -1):
+        pivot = 1.0 + g[k, k]
+        for i in range(k):
+            factor = g[i, k] / pivot
+            for j in range(k):
+                g[i, j] -= factor * g[k, j]
+
+
+@njit(cache=True)
+def step_back(g, n, step):  # type: ignore[no-untyped-def]
+    """Carry information about the states after a step to those before it: noise, then Fᵀ · F."""
+    q = (step[4], step[5], step[6], step[7], step[8], step[9])
+    x = (g[0, 0], g[0, 1], g[0, 2], g[1, 1], g[1, 2], g[2, 2])
+    k0, k1, k2, k3, k4, k5 = parallel(q, x)  # (Q⁻¹ + Γ_xx)⁻¹
+    y = parallel(x, q)
+    for i in range(3, n):
+        r0 = k0 * g[0, i] + k1 * g[1, i] + k2 * g[2, i]
+        r1 = k1 * g[0, i] + k3 * g[1, i] + k4 * g[2, i]
+        r2 = k2 * g[0, i] + k4 * g[1, i] + k5 * g[2, i]
+        for j in range(3, n):
+            g[i, j] -= r0 * g[0, j] + r1 * g[1, j] + r2 * g[2, j]
+    for i in range(3, n):
+        r0 = k0 * g[0, i] + k1 * g[1, i] + k2 * g[2, i]
+        r1 = k1 * g[0, i] + k3 * g[1, i] + k4 * g[2, i]
+        r2 = k2 * g[0, i] + k4 * g[1, i] + k5 * g[2, i]
+        g[i, 0] -= x[0] * r0 + x[1] * r1 + x[2] * r2
+        g[i, 1] -= x[1] * r0 + x[3] * r1 + x[4] * r2
+        g[i, 2] -= x[2] * r0 + x[4] * r1 + x[5] * r2
+    set_initial(g, y)
+    pull_rows(g, n, step)
+
+
+@njit(cache=True)
+def pull_rows(g, n, step):  # type: ignore[no-untyped-def]
+    """Replace `g` by Fᵀ g F on the first three states; rows 3… of the left columns are read."""
+    c, s, y, x = step[0], step[1], step[2], step[3]
+    for i in range(n):
+        a, b = g[i, 0], g[i, 1]
+        g[i, 0] = c * a - s * b
+        g[i, 1] = s * a + c * b
+        g[i, 2] += y * a + x * b
+    for j in range(3):
+        a, b = g[0, j], g[1, j]
+        g[0, j] = c * a - s * b
+        g[1, j] = s * a + c * b
+        g[2, j] += y * a + x * b
+    for i in range(3, n):
+        for j in range(3):
+            g[j, i] = g[i, j]
+
+
+@njit(cache=True)
+def offset_shares(views, out):  # type: ignore[no-untyped-def]
+    """Fill out[i] with log det(I + Σ_t BᵀWB): what camera i would tell about its offsets alone.
+
+    The chain rule: joint log det of trajectory and offsets, less these, is the trajectory's.
+    """
+    p = views.offsets.shape[2]
+    for i in range(out.size):
+        m = np.eye(p)
+        for e in range(views.indptr[i], views.indptr[i + 1]):
+            jtt, jtn, jnn = white_block(views, e, 1.0)
+            for a in range(p):
+                b0, b1 = np.float64(views.offsets[e, 0, a]), np.float64(views.offsets[e, 1, a])
+                c0, c1 = jtt * b0 + jtn * b1, jtn * b0 + jnn * b1
+                for b in range(p):
+                    m[a, b] += c0 * views.offsets[e, 0, b] + c1 * views.offsets[e, 1, b]
+        out[i] = log_det_definite(m, p)
+
+
+@njit(cache=True)
+def log_det_definite(m, n):  # type: ignore[no-untyped-def]
+    """Return log det of the leading n × n of a positive definite matrix, which is overwritten."""
+    found = 0.0
+    for k in range(n):
+        pivot = m[k, k]
+        found += math.log(pivot)
+        for i in range(k + 1, n):
+            factor = m[i, k] / pivot
+            for j in range(k + 1, n):
+                m[i, j] -= factor * m[k, j]
+    return found
+
+
+def flat(plan: Plan) -> FloatArray:
+    """Return storage for one square matrix a sample."""
+    return np.empty(int(plan.matrix_ptr[-1]))
