@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import ScalarFormatter
+from matplotlib.ticker import FormatStrFormatter, ScalarFormatter
 
 from models.errors import COMPONENTS, FORMS
 from reports.error_tables import TARGET_M
@@ -68,6 +68,7 @@ def draw_residuals(table: pd.DataFrame) -> Figure:
             ax.stairs(share, edges, color=COLOURS[model], label=model, linewidth=1.2)
         ax.axvline(0.0, color=BLACK, linewidth=0.8)
         ax.set_xlabel(word)
+    axes[1].set_xticks([-1.0, -0.5, 0.0, 0.5, 1.0])
     axes[0].set_ylabel("reports per bin (%)")
     axes[0].legend()
     return figure
@@ -89,7 +90,9 @@ def draw_components(table: pd.DataFrame) -> Figure:
         ax.set_title(kind, fontsize=9)
         ax.set_xlabel("pitch below the horizon (°)")
         ax.set_yscale("log")
-        ax.yaxis.set_major_formatter(ScalarFormatter())
+        ax.set_yticks([0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2])
+        ax.minorticks_off()
+        ax.yaxis.set_major_formatter(FormatStrFormatter("%g"))
     axes[0].set_ylabel("median 95 % radius (m)")
     axes[-1].legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
