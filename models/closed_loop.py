@@ -60,6 +60,8 @@ class Car(NamedTuple):
     """Hold the plant (0 or 1), its parameters, the driver's gains, and where the axles are.
 
     noise (3,): odometry densities. start_sigma (3,): of the first estimate, in the road's frame.
+    slip_per_mps2: the rear wheels' slip angle that the odometry allows for, rad per m/s² of lateral
+    acceleration. lateral_limit_mps2: the driver steers no sharper than this allows.
     """
 
     plant: int
@@ -69,6 +71,8 @@ class Car(NamedTuple):
     to_rear_m: float
     noise: FloatArray
     start_sigma: FloatArray
+    slip_per_mps2: float
+    lateral_limit_mps2: float
 
 
 class Timing(NamedTuple):
@@ -263,6 +267,10 @@ def drive(
             turn = heading - mean[2]
             turn -= 2.0 * math.pi * round(turn / (2.0 * math.pi))
             steering = stanley(turn, beside, state[SPEED], car.gains)
+            sharpest = math.atan2(
+                (car.to_front_m + car.to_rear_m) * car.lateral_limit_mps2, state[SPEED] ** 2
+            )
+            steering = min(max(steering, -sharpest), sharpest)
             acceleration, integral, speed_error = pedal(
                 state[SPEED],
                 speed_wanted(course, s_mean),
@@ -321,6 +329,7 @@ def _roll(
     composition of any number of ticks has that of their whole distance.
     """
     forward, left = wheel_motion(rolled, turned, car.to_rear_m)
+    left -= car.slip_per_mps2 * (rolled * turned / (TICK_S * TICK_S)) * rolled
     if noisy and rolled > 0.0:
         root = math.sqrt(rolled)
         swing = car.noise[0] * root * rng.standard_normal()

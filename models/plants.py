@@ -58,6 +58,11 @@ class SingleTrack:
     steering_limit_rad: float = 1.066
     steering_rate_limit_rad_s: float = 0.4
 
+    @property
+    def rear_slip_rad_per_mps2(self) -> float:
+        """The rear tyres' slip angle in steady cornering, per lateral acceleration: 1/(μ C g)."""
+        return 1.0 / (self.friction * self.stiffness * _GRAVITY)
+
     def vehicle(self) -> Vehicle:
         """Return the same car as the controller and the odometry know it."""
         return Vehicle(

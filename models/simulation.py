@@ -40,7 +40,7 @@ from models.closed_loop import (
 from models.control import Control, SpeedPolicy
 from models.errors import ErrorModel
 from models.following import Course, course
-from models.geometry import FloatArray, IntArray
+from models.geometry import BoolArray, FloatArray, IntArray
 from models.plants import Plant, SingleTrack, plant_from_name, plant_parameters
 from models.roads import Road
 from models.sensing import Sensors, sensors
@@ -112,19 +112,24 @@ class ClosedLoop:
 class Drives:
     """Hold m finished drives.
 
-    runs (m,): which. steps (m,): filter steps of each. s_m, lateral_m, error_m, claimed_m2,
-    claimed_lateral_m2, nees (m, longest): a row a run, a column a filter step, 0 after a run's end
-    (`active` says where): arc length and cross-track distance of the truth, distance of estimate
-    and truth, the filter's claims tr P_xy and its part across the road, and the squared normalised
-    error of (x, y, heading). updates, rejected (m,):
-    measurements used, and rejected by the gate. nis (m,): the mean squared normalised innovation,
-    2 where the filter is right. autocorrelation (m,): of successive whitened innovations, and
-    pairs (m,) how many it is over. end_error_m (m, 2): truth less estimate at the end. ticks (m,).
+    runs (m,): which. arrived (m,): whether the estimate reached the road's end in twice the time it
+    should take; a car that lost the road did not. steps (m,): filter steps of each. ticks (m,): of
+    10 ms, of the plant. end_error_m (m, 2): truth less estimate at the end.
+
+    A row a run, a column a filter step, (m, longest), 0 after a run's end (`active` says where):
+    s_m and lateral_m: arc length and cross-track distance of the truth. error_m: the distance of
+    estimate and truth. claimed_m2 and claimed_lateral_m2: the filter's tr P_xy, and its part across
+    the road. nees: the squared normalised error of (x, y, heading).
+
+    updates, rejected (m,): measurements used, and rejected by the gate. nis (m,): the mean squared
+    normalised innovation, 2 where the filter is right. autocorrelation (m,): of successive whitened
+    innovations, and pairs (m,) how many it is over.
     """
 
     filter: FilterName
     seed: int
     runs: IntArray
+    arrived: BoolArray
     steps: IntArray
     s_m: FloatArray
     lateral_m: FloatArray
@@ -188,6 +193,8 @@ def closed_loop(
         vehicle.centre_to_rear_m,
         odometry.as_array(),
         np.array(settings.initial_sigma, dtype=np.float64),
+        dynamic.rear_slip_rad_per_mps2 if dynamic else 0.0,
+        1.5 * speed.lateral_limit_mps2,
     )
     every = round(_TICKS_A_SECOND / settings.filter_hz)
     latency = round(settings.latency_s * _TICKS_A_SECOND)
@@ -232,7 +239,7 @@ def simulate(
 
     runs: how many, or which. Run i draws from SeedSequence(seed, spawn_key=(i,)), so both filters
     meet the same cameras. workers: threads; the result does not depend on them. Raises ValueError
-    where a drive ends without an answer: out of time, or with a covariance that is not positive.
+    where a filter's covariance does not stay positive.
     """
     chosen = np.arange(runs) if isinstance(runs, int) else np.asarray(runs, dtype=np.int64)
     if len(chosen) == 0 or chosen.min() < 0:
@@ -306,7 +313,7 @@ def _drive_all(
     else:
         done = [one(int(run)) for run in runs]
     summary = np.array([line for _, line in done])
-    _check_arrivals(loop, kind, runs, summary)
+    _check_positive(kind, runs, summary)
     steps = summary[:, STEPS].astype(np.int64)
     table = np.zeros((N_RECORDS, len(runs), int(steps.max())))
     for i, (records, _) in enumerate(done):
@@ -317,6 +324,7 @@ def _drive_all(
         filter=kind,
         seed=seed,
         runs=runs,
+        arrived=summary[:, STATUS] == ARRIVED,
         steps=steps,
         s_m=table[S],
         lateral_m=table[LATERAL],
@@ -335,22 +343,13 @@ def _drive_all(
     )
 
 
-def _check_arrivals(
-    loop: ClosedLoop, kind: FilterName, runs: IntArray, summary: FloatArray
-) -> None:
-    """Raise ValueError for the first drive that did not arrive, with the place and the reason."""
-    lost = np.flatnonzero(summary[:, STATUS] != ARRIVED)
-    if lost.size == 0:
-        return
-    first = int(lost[0])
-    when = summary[first, TICKS] * TICK_S
-    if summary[first, STATUS] == NOT_POSITIVE:
+def _check_positive(kind: FilterName, runs: IntArray, summary: FloatArray) -> None:
+    """Raise ValueError for the first drive whose covariance broke, with the time and the reason."""
+    broken = np.flatnonzero(summary[:, STATUS] == NOT_POSITIVE)
+    if broken.size:
+        first = int(broken[0])
         raise ValueError(
             f"run {runs[first]} ({kind}): the filter's covariance is not positive after "
-            f"{when:.2f} s: vehicle.initial_sigma, odometry and errors must be positive and of "
-            "sensible size"
+            f"{summary[first, TICKS] * TICK_S:.2f} s: vehicle.initial_sigma, odometry and errors "
+            "must be positive and of sensible size"
         )
-    raise ValueError(
-        f"run {runs[first]} ({kind}): the car has not reached the end of the road of "
-        f"{loop.course.length_m:.1f} m after {when:.1f} s: it has lost the road"
-    )

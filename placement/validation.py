@@ -199,6 +199,7 @@ class _Tally:
             pd.DataFrame(
                 {
                     "run": drives.runs,
+                    "arrived": drives.arrived,
                     "steps": drives.steps,
                     "error2": (drives.error_m**2).sum(axis=1),
                     "max_error_m": drives.error_m.max(axis=1),
@@ -232,6 +233,7 @@ class _Tally:
                 "gated": runs["gated"],
                 "nis_mean": runs["nis"],
                 "innovation_autocorrelation": runs["autocorrelation"],
+                "arrived": runs["arrived"],
             }
         )
 
@@ -255,6 +257,7 @@ class _Tally:
             "nees_steps_in_band": self.steps.share_in_band(),
             "cross_track_rms_m": _rms(runs["lateral2"].sum(), steps),
             "lateral_within_tolerance": float(runs["within"].sum()) / steps,
+            "lost_share": 1.0 - float(runs["arrived"].mean()),
             "updates_mean": updates / len(runs),
             "gated_share": float(runs["gated"].sum()) / max(updates + runs["gated"].sum(), 1.0),
             "nis_mean": float((runs["nis"] * runs["updates"]).sum()) / max(updates, 1.0),
