@@ -20,7 +20,7 @@ from models.roads import Piece, Road, RoadPoints, road_from_pieces
 from placement import information as information_module
 from placement.candidates import build_candidates
 from placement.information import Information, compute_information
-from placement.information_kernels import dense_blocks
+from placement.information_kernels import dense_blocks, reach
 from placement.information_reference import dense_information
 from placement.instance import load_instance
 from placement.sample_tree import build_tree
@@ -223,6 +223,26 @@ def test_threads_and_chunks_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> No
     many = compute_information(cameras, points, errors, 150.0, workers=3)
     for field in ("indptr", "indices", "blocks", "white", "offsets"):
         np.testing.assert_array_equal(getattr(one, field), getattr(many, field))
+
+
+@pytest.mark.filterwarnings("ignore:.*pinhole.*:UserWarning")
+@pytest.mark.parametrize("kind", ["radius", "covariance"])
+@pytest.mark.parametrize("height", [0.02, 4.0, 50.0])
+def test_the_reach_is_where_the_installation_alone_meets_the_limit(
+    kind: str, height: float
+) -> None:
+    # Straight down, with pixels too fine to matter: the report limit is all that ends the view.
+    camera = make_camera(
+        height_m=height, pitch_deg=90.0, fov_deg=(179.0, 179.0), size_px=(100_000, 100_000)
+    )
+    errors = ErrorModel(kind, Installation(0.03, 0.5, 0.0), report_limit_m=2.0)
+    far = reach(camera.table()[0], errors.parameters(), 1e6)
+    inside, outside = (
+        error_radius(camera, np.array([[factor * far, 0.0]]), errors)[0, 0]
+        for factor in (1.0 - 2e-2, 1.0 + 1e-9)
+    )
+    assert outside > 2.0
+    assert inside <= 2.0 or height == 0.02  # below e_pos there is no bound but the range
 
 
 def test_a_closed_road_is_seen_across_its_seam() -> None:
