@@ -44,8 +44,8 @@ def test_there_is_a_row_a_run_and_filter(validation: Validation) -> None:
     ]
     for column in (
         "seed",
-        "rms_error_m",
-        "max_error_m",
+        "rms_localisation_error_m",
+        "max_localisation_error_m",
         "rms_cross_track_m",
         "max_cross_track_m",
         "nees_mean",
@@ -54,7 +54,7 @@ def test_there_is_a_row_a_run_and_filter(validation: Validation) -> None:
     ):
         assert column in rows
     assert not rows.isna().any().any()
-    assert (rows["rms_error_m"] <= rows["max_error_m"]).all()
+    assert (rows["rms_localisation_error_m"] <= rows["max_localisation_error_m"]).all()
     assert (rows["rms_cross_track_m"] <= rows["max_cross_track_m"]).all()
 
 
@@ -85,7 +85,7 @@ def test_the_summary_agrees_with_the_rows(validation: Validation) -> None:
     for name, part in validation.summary["filters"].items():
         mine = rows[rows["filter"] == name]
         # every run takes nearly the same number of steps
-        mean_square = float((mine["rms_error_m"] ** 2).mean())
+        mean_square = float((mine["rms_localisation_error_m"] ** 2).mean())
         assert part["simulated_rms_m"] == pytest.approx(math.sqrt(mean_square), rel=1e-2)
         assert part["nees_mean"] == pytest.approx(float(mine["nees_mean"].mean()), rel=1e-2)
 
