@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+FRESH := $(VENV)/.kernels
+SOURCES := $(wildcard models/*.py models/*/*.py placement/*.py placement/*/*.py placement/*/*/*.py)
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-slow lint types check lock clean
@@ -18,13 +20,18 @@ $(READY): requirements.lock pyproject.toml
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $(READY)
 
-demo: $(READY)  ## solve and validate the embedded instance into out/demo/
+# Numba's cache looks at a function's own file alone, not at the kernels it calls from others.
+$(FRESH): $(READY) $(SOURCES)
+	@find models placement benchmarks reports -name '*.nb[ic]' -delete
+	@touch $(FRESH)
+
+demo: $(FRESH)  ## solve and validate the embedded instance into out/demo/
 	$(BIN)/placement demo
 
-test: $(READY)  ## the default test suite, under five minutes
+test: $(FRESH)  ## the default test suite, under five minutes
 	$(BIN)/python -m pytest -n auto --dist loadgroup
 
-test-slow: $(READY)  ## the long tests: closed-loop statistics, full-size instances
+test-slow: $(FRESH)  ## the long tests: closed-loop statistics, full-size instances
 	$(BIN)/python -m pytest -m slow
 
 lint: $(READY)  ## ruff: style and format
