@@ -19,6 +19,7 @@ import numpy as np
 from models.geometry import FloatArray, IntArray
 from placement.cuts import Cuts, joined
 from placement.matroid import Choice
+from placement.quiet import quiet_stdout
 
 highspy: Any = _highspy  # its stubs lack most of what it has
 
@@ -146,7 +147,8 @@ class CutProgram:
 
 
 def _quiet_highs(threads: int) -> Any:
-    highs = highspy.Highs()
+    with quiet_stdout():
+        highs = highspy.Highs()
     highs.setOptionValue("output_flag", False)
     highs.setOptionValue("threads", threads)
     highs.changeObjectiveSense(highspy.ObjSense.kMaximize)
