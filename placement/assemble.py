@@ -179,11 +179,6 @@ def _drive(instance: Instance, points: RoadPoints, information: Information) -> 
             f"objective.weights must be left out for objective.kind = {instance.objective.kind}: "
             "only localisation weighs samples"
         )
-    if information.offsets is not None:
-        raise ValueError(
-            "errors.persistent must be false where errors.model = covariance and objective.kind = "
-            f"{instance.objective.kind}, for now: the objective takes frames for independent"
-        )
     return Drive(
         points=points,
         information=information,

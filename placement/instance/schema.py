@@ -140,7 +140,7 @@ class CameraSection(Section):
 class ErrorsSection(Section):
     """How well a camera measures: the 95 % figures are two standard deviations."""
 
-    model: ErrorModelName = "radius"
+    model: ErrorModelName = "covariance"
     position_95_m: NotNegative = 0.03
     orientation_95_deg: Annotated[float, interval(0.0, 90.0, ends="[)")] = 0.5
     algorithm_95_px: Positive = 4.0
@@ -184,7 +184,7 @@ class VehicleSection(Section):
 class ObjectiveSection(Section):
     """What is to be optimised; `weights` weigh the path's samples, one number each."""
 
-    kind: ObjectiveKind = "localisation"
+    kind: ObjectiveKind = "trace"
     weight: WeightName = "position"
     weights: Annotated[tuple[NotNegative, ...], LOOSE] | None = None
     tolerance_m: Positive = 0.29

@@ -101,9 +101,9 @@ def test_weights_must_match_the_samples() -> None:
     with pytest.raises(
         ValueError, match=r"^objective\.weights must have one number for each of 101"
     ):
-        scene(objective={"weights": [1.0, 2.0]})
-    made = scene(objective={"weights": [0.5] * 101})
-    plain = scene()
+        scene(objective={"kind": "localisation", "weights": [1.0, 2.0]})
+    made = scene(objective={"kind": "localisation", "weights": [0.5] * 101})
+    plain = scene(objective={"kind": "localisation"})
     some = np.array([0, 100])
     assert made.problem.objective.value(some) == pytest.approx(
         0.5 * plain.problem.objective.value(some)
@@ -111,11 +111,17 @@ def test_weights_must_match_the_samples() -> None:
 
 
 @pytest.mark.parametrize("kind", ["localisation", "entropy", "trace", "final_entropy"])
-def test_every_objective_that_is_built_is_assembled(kind: str) -> None:
-    made = scene(objective={"kind": kind}, errors={"model": "ellipse"})
+@pytest.mark.parametrize("model", ["radius", "ellipse", "covariance"])
+def test_every_objective_that_is_built_is_assembled(kind: str, model: str) -> None:
+    made = scene(objective={"kind": kind}, errors={"model": model})
     assert made.problem.objective.name == kind
     empty = made.problem.objective.state()
     assert np.isfinite(empty.gains(np.array([0, 100, 500]))).all()
+
+
+def test_weights_are_for_localisation_alone() -> None:
+    with pytest.raises(ValueError, match=r"^objective\.weights must be left out for .*= trace"):
+        scene(objective={"kind": "trace", "weights": [1.0] * 101})
 
 
 @pytest.mark.parametrize("weight", ["position", "lateral"])

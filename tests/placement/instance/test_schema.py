@@ -25,7 +25,9 @@ def test_a_road_is_all_an_instance_needs() -> None:
     assert instance.camera.fov_deg[2] == (90.0, 68.0)
     assert instance.camera.resolution_px == (2000, 1500)
     assert instance.mounts.sides == ("left", "right")
+    assert instance.errors.model == "covariance"
     assert instance.errors.report_limit_m == 2.0
+    assert instance.objective.kind == "trace"
     assert instance.vehicle.initial_sigma == (0.1, 0.1, 0.01)
     assert instance.objective.prior_sigma_m == 0.5
     assert instance.budget.cameras == 20
