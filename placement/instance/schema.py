@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import warnings
 from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
+from models.cameras import make_camera
 from placement.instance.values import (
     LOOSE,
     NOT_EMPTY_NOR_REPEATING,
@@ -134,16 +136,36 @@ class CameraSection(Section):
                         at=("fov_deg", i, j),
                         got=angle,
                     )
+        if any(self.distortion):
+            self._check_lenses()
         return self
+
+    def _check_lenses(self) -> None:
+        """Refuse distortions that fold the image inside some field of view."""
+        for fields in self.fov_deg:
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")  # the candidates' cameras will say it
+                    make_camera(
+                        fov_deg=fields,
+                        size_px=self.resolution_px,
+                        projection=self.projection,
+                        distortion=self.distortion,
+                    )
+            except ValueError as error:
+                wanted, _, got = (
+                    str(error).removeprefix("camera.distortion[0] ").partition(", got ")
+                )
+                raise refuse(wanted, at=("distortion",), got=got) from None
 
 
 class ErrorsSection(Section):
     """How well a camera measures: the 95 % figures are two standard deviations."""
 
     model: ErrorModelName = "covariance"
-    position_95_m: NotNegative = 0.03
-    orientation_95_deg: Annotated[float, interval(0.0, 90.0, ends="[)")] = 0.5
-    algorithm_95_px: Positive = 4.0
+    position_95_m: Annotated[float, interval(0.0, 10.0)] = 0.03
+    orientation_95_deg: Annotated[float, interval(0.0, 45.0)] = 0.5
+    algorithm_95_px: Annotated[float, interval(0.0, 1000.0)] = 4.0
     persistent: bool = True
     report_limit_m: Positive = 2.0
 

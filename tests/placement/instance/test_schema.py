@@ -67,6 +67,15 @@ def test_a_curvature_is_a_number_or_runs_between_two() -> None:
             {"camera": {"resolution_px": [0, 900]}},
             "camera.resolution_px[0] must lie in [1, 100000], got 0",
         ),
+        (
+            {"camera": {"projection": "equidistant", "fov_deg": [[361, 45]]}},
+            "camera.fov_deg[0][0] must lie in (0, 360], got 361",
+        ),
+        (
+            {"camera": {"distortion": [-0.5, 0, 0, 0]}},
+            "camera.distortion must not fold the image inside the field of view, "
+            "got [-0.5, 0.0, 0.0, 0.0], one to one up to 46.78 degrees only",
+        ),
         ({"camera": {"rate_hz": "fast"}}, 'camera.rate_hz must be a number, got "fast"'),
         ({"camera": {"rate_hz": True}}, "camera.rate_hz must be a number, got true"),
         ({"camera": {"rate_hz": float("nan")}}, "camera.rate_hz must be finite, got nan"),
@@ -114,7 +123,11 @@ def test_a_curvature_is_a_number_or_runs_between_two() -> None:
         ({"mounts": {"height_m": [6, 0]}}, "mounts.height_m[1] must lie in (0, 100], got 0"),
         ({"mounts": {"sides": ["up"]}}, 'mounts.sides[0] must be "left" or "right", got "up"'),
         ({"mounts": {"spacing_m": 0}}, "mounts.spacing_m must be greater than 0, got 0"),
-        ({"errors": {"position_95_m": -1}}, "errors.position_95_m must be at least 0, got -1"),
+        ({"errors": {"position_95_m": -1}}, "errors.position_95_m must lie in [0, 10], got -1"),
+        (
+            {"errors": {"orientation_95_deg": 46}},
+            "errors.orientation_95_deg must lie in [0, 45], got 46",
+        ),
         ({"errors": {"persistent": 1}}, "errors.persistent must be true or false, got 1"),
         (
             {"vehicle": {"alphas": [1, 2, 3, 4], "profile": "car"}},
