@@ -175,7 +175,7 @@ def test_contradictions_found_on_the_way_are_infeasible(play: Play) -> None:
 
 
 def test_bad_arguments_are_refused_by_name(problem: Problem) -> None:
-    with pytest.raises(ValueError, match=r"method must be one of greedy, .* got 'gredy'"):
+    with pytest.raises(ValueError, match=r"method must be one of auto, .* got .gredy."):
         solve(problem, "gredy")
     with pytest.raises(ValueError, match="time_limit_s must be at least 0, got nan"):
         solve(problem, time_limit_s=float("nan"))
