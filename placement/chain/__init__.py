@@ -1,0 +1,1 @@
+"""The chain bound: along a road, cameras two apart hardly matter to each other."""

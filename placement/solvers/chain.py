@@ -1,0 +1,281 @@
+"""The chain bound, and the search it makes possible: `localisation` along one road.
+
+1. Pairwise gains and the first-order bound for every budget in one dynamic program. Its best
+   path is a placement; on weakly coupled roads it *is* the optimum.
+2. What cannot be part of a better placement than the incumbent is left out.
+3. The second-order bound, at the price a camera that makes it least; leave out more.
+4. The incumbent is improved stretch by stretch, each stretch solved nearly exactly.
+5. Labels: partial placements with exact scores, wider and wider, until none is given up.
+
+The method works for any `localisation` problem (the bound is valid in whatever order candidates
+come) and is strong where windows are short compared with the path.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from models.geometry import FloatArray, IntArray
+from placement.chain import second_order
+from placement.chain.segments import improve_by_stretches
+from placement.chain.stages import (
+    Stage,
+    eliminated,
+    first_path,
+    first_stage,
+    label_pass,
+    marginal_price,
+    priced,
+)
+from placement.chain.windows import Windows, ordered_windows
+from placement.objectives.localisation import Localisation
+from placement.problem import Problem, Run
+from placement.solution import Proposal, Status
+from placement.solvers.exchange import polish
+from placement.solvers.greedy import climb
+
+# As near as this (relative) is proven: a tenth of what the verb calls optimal.
+TOLERANCE = 1e-7
+WIDTHS = (10, 100, 1_000, 10_000, 100_000)
+STRETCHES = (10, 16)
+PRICE_STEPS = 12
+MOST_PAIRS = 60_000_000  # a gigabyte of arcs: beyond it only greedy's bound is given
+LEAVE_TIME_S = 0.3
+
+
+def solve_chain(problem: Problem, run: Run) -> Proposal:
+    """Bound, eliminate and search along the path until proven or out of time.
+
+    Raises:
+        ValueError: for an objective other than `localisation`.
+    """
+    if not isinstance(problem.objective, Localisation):
+        raise ValueError(
+            f"method chain needs the objective localisation, got {problem.objective.name}"
+        )
+    search = ChainSearch(problem, problem.objective, run)
+    finished = search.run_stages()
+    return Proposal(
+        search.incumbent,
+        run.score_bound,
+        Status.FEASIBLE if finished else Status.TIME_LIMIT,
+        search.stats,
+    )
+
+
+@dataclass(slots=True)
+class ChainSearch:
+    """The state of one search: the incumbent, the bound, and how the bound came about."""
+
+    problem: Problem
+    objective: Localisation
+    run: Run
+    incumbent: list[int] = field(default_factory=list)
+    score: float = -np.inf
+    stats: dict[str, object] = field(default_factory=dict)
+    allowance: float = 0.0  # rounding in the chain's sums, nats
+
+    def run_stages(self) -> bool:
+        """Go through the stages; return False if time ran out first."""
+        state, _, _ = climb(self.problem, self.run)
+        polish(self.problem, self.run, state)
+        self._offer(np.array(state.selected, dtype=np.int64))
+        self.stats["bound_from"] = "diminishing returns"
+        if self._proven() or self._out_of_time():
+            return self._proven()
+        windows = ordered_windows(self.objective, self.problem.constraints)
+        budget = min(self.problem.constraints.budget - self._deaf_required(), len(windows))
+        if not self._affordable(windows, budget):
+            self.stats["chain"] = "too many overlapping pairs"
+            return True
+        self.allowance = _allowance(windows, budget)
+        self.run.progress("chain bound, first order", None)
+        stage = first_stage(windows, budget)
+        self._publish(stage.bound, "chain, first order")
+        self.stats["first_order_bound"] = stage.bound
+        self._offer(windows.candidate[first_path(stage)], polishing=True)
+        if self._proven() or self._out_of_time():
+            return self._proven()
+        return self._second_order(windows, stage)
+
+    def _second_order(self, windows: Windows, stage: Stage) -> bool:
+        price = marginal_price(stage)
+        stage = eliminated(stage, self._beat())
+        self._note_left("first", stage)
+        for cameras in STRETCHES:
+            self._improve(windows, cameras)
+        stage, price = self._best_price(eliminated(stage, self._beat()), price)
+        self.stats["second_order_bound"] = stage.bound
+        if self._proven() or self._out_of_time():
+            return self._proven()
+        for _ in range(3):
+            before = len(stage.arcs)
+            stage = priced(stage, [price * s for s in (0.9, 0.95, 1.0, 1.05)])
+            self._publish(stage.bound, "chain, second order")
+            stage = eliminated(stage, self._beat())
+            if self._proven() or self._out_of_time():
+                return self._proven()
+            if len(stage.arcs) > 0.7 * before:
+                break
+        self._note_left("second", stage)
+        return self._labels(windows, stage)
+
+    def _labels(self, windows: Windows, stage: Stage) -> bool:
+        """Search by labels, each pass wider than the last, until none is given up."""
+        for width in WIDTHS:
+            if self._out_of_time():
+                return False
+            self.run.progress(f"labels, {width} a camera", None)
+            found = label_pass(stage, self._beat(), TOLERANCE * self.score, width)
+            self.stats["labels"] = found.labels
+            left = max(found.given_up, self._beat())
+            if windows.wraps:
+                left = max(left, found.score)
+            self._publish(left, f"chain, labels of width {width}")
+            if found.path.size:
+                self._offer(windows.candidate[found.path], polishing=True)
+            if self._proven() or not np.isfinite(found.given_up):
+                break
+            if found.given_up <= self._beat():
+                break  # what is unproven lies in the cut of a closed path, not in the width
+        return True
+
+    def _best_price(self, stage: Stage, price: float) -> tuple[Stage, float]:
+        """Find the price of least second-order bound by golden section; keep the best stage."""
+        low, high = 0.5 * price, 1.05 * price
+        ratio = (np.sqrt(5.0) - 1.0) / 2.0
+        seen: dict[float, float] = {}
+
+        def bound_at(value: float) -> float:
+            if value not in seen:
+                best, start, arc = second_order.forward_best(stage.windows, stage.arcs, value)
+                seen[value] = best + stage.budget * value
+                if seen[value] <= min(seen.values()):
+                    self._publish(seen[value], "chain, second order")
+                    path = second_order.decode(stage.windows, stage.arcs, start, arc)
+                    self._offer(stage.windows.candidate[path], polishing=True)
+            return seen[value]
+
+        bound_at(price)
+        for _ in range(PRICE_STEPS):
+            if self._proven() or self._out_of_time() or high - low < 1e-3 * price:
+                break
+            one, two = high - ratio * (high - low), low + ratio * (high - low)
+            if bound_at(one) <= bound_at(two):
+                high = two
+            else:
+                low = one
+        best_price = min(seen, key=lambda value: seen[value])
+        bound = min(stage.bound, seen[best_price])
+        return (
+            Stage(
+                stage.nodes,
+                stage.windows,
+                stage.arcs,
+                stage.budget,
+                stage.F,
+                stage.B,
+                bound,
+                stage.prices,
+            ),
+            best_price,
+        )
+
+    def _improve(self, windows: Windows, cameras: int) -> None:
+        """Sweep over stretches until a sweep changes nothing."""
+        node_of = np.full(self.objective.n_candidates, -1, dtype=np.int64)
+        node_of[windows.candidate] = np.arange(len(windows))
+
+        def evaluate(nodes: IntArray) -> float:
+            return self.objective.value(windows.candidate[nodes])
+
+        def base_of(nodes: IntArray) -> FloatArray:
+            x = np.zeros(self.objective.n_candidates)
+            x[windows.candidate[nodes]] = 1.0
+            sums = self.objective.scale * self.objective.sums(x)
+            return np.ascontiguousarray(sums[windows.sample])
+
+        while not (self._out_of_time() or self._proven()):
+            before = self.score
+            nodes = node_of[np.array(self.incumbent, dtype=np.int64)]
+            deaf = [i for i, node in zip(self.incumbent, nodes, strict=True) if node < 0]
+            better = improve_by_stretches(
+                windows, nodes[nodes >= 0], evaluate, base_of, cameras, self._out_of_time
+            )
+            self._offer(
+                np.concatenate([windows.candidate[better], np.array(deaf, dtype=np.int64)]),
+                polishing=True,
+            )
+            self.run.progress(f"stretches of {cameras} cameras, score {self.score:.6g}", None)
+            if self.score <= before * (1.0 + 1e-9):
+                return
+
+    def _offer(self, selected: IntArray, *, polishing: bool = False) -> None:
+        """Take a path as a placement: one of each group, required ones in, filled up by swaps."""
+        constraints = self.problem.constraints
+        required = np.unique(constraints.required)
+        chosen = np.concatenate([required, np.setdiff1d(selected, required)])
+        group = constraints.group[chosen]
+        key = np.where(group < 0, constraints.n + np.arange(chosen.size), group)
+        _, first = np.unique(key, return_index=True)
+        chosen = chosen[np.sort(first)][: constraints.budget]
+        if polishing and not self._out_of_time():
+            state = self.objective.state(chosen)
+            if state.score > 0.9 * self.score:  # swaps would take long, and not get there
+                kept = self.run.incumbent
+                polish(self.problem, self.run, state)
+                self.run.incumbent = kept
+                chosen = np.array(state.selected, dtype=np.int64)
+        if constraints.violations(chosen):
+            return
+        score = self.objective.value(chosen)
+        if score > self.score:
+            self.score, self.incumbent = score, [int(i) for i in np.sort(chosen)]
+            self.run.incumbent = self.incumbent
+
+    def _publish(self, bound: float, source: str) -> None:
+        """Keep a valid bound if it is the best, with what rounding may have cost it."""
+        raised = bound + self.allowance
+        if self.run.score_bound is None or raised < self.run.score_bound:
+            self.run.score_bound = raised
+            self.stats["bound_from"] = source
+        gap = self.run.score_bound / self.score - 1.0 if self.score > 0.0 else 0.0
+        self.run.progress(f"score {self.score:.6g}, gap {100.0 * max(gap, 0.0):.3g} %", None)
+
+    def _beat(self) -> float:
+        """Return the score a placement must exceed to matter, less what rounding may hide."""
+        return self.score * (1.0 + 0.5 * TOLERANCE) - self.allowance
+
+    def _proven(self) -> bool:
+        bound = self.run.score_bound
+        return bound is not None and bound <= self.score * (1.0 + TOLERANCE)
+
+    def _deaf_required(self) -> int:
+        """Count the required candidates that see nothing: they use budget, but no path."""
+        required = np.unique(self.problem.constraints.required)
+        return int(np.sum(np.diff(self.objective.indptr)[required] == 0))
+
+    def _affordable(self, windows: Windows, budget: int) -> bool:
+        spans = np.searchsorted(np.sort(windows.first), windows.last, side="right")
+        before = np.searchsorted(np.sort(windows.last), windows.first)
+        pairs = int(np.sum(spans - before)) // 2
+        self.stats["pairs"] = pairs
+        return pairs <= MOST_PAIRS and len(windows) * budget <= MOST_PAIRS
+
+    def _note_left(self, order: str, stage: Stage) -> None:
+        self.stats[f"candidates_after_{order}_order"] = len(stage.nodes)
+
+    def _out_of_time(self) -> bool:
+        return self.run.remaining() <= LEAVE_TIME_S
+
+
+def _allowance(windows: Windows, budget: int) -> float:
+    """Bound the rounding error of a whole path: its largest gains' errors, and their sum's."""
+    if not budget or not len(windows):
+        return 0.0
+    largest = np.partition(windows.slack, len(windows) - budget)[len(windows) - budget :]
+    total = np.partition(windows.alone, len(windows) - budget)[len(windows) - budget :].sum()
+    # Three orders' worth of errors in each gain, and one rounding for each addition.
+    return float(4.0 * largest.sum() + 4.0 * budget * np.finfo(np.float64).eps * total)
