@@ -49,7 +49,7 @@ class Method:
 METHODS: dict[str, Method] = {
     "auto": Method(
         "placement.solvers.auto:solve_auto",
-        "picks for you: `mip` where it can prove, else `exchange`",
+        "picks for you: `mip` where it can prove, else `search`",
         proves_bound=True,
     ),
     "greedy": Method(
@@ -60,6 +60,11 @@ METHODS: dict[str, Method] = {
     "exchange": Method(
         "placement.solvers.exchange:solve_exchange",
         "greedy, then swap cameras while that helps; greedy's bound",
+        proves_bound=True,
+    ),
+    "search": Method(
+        "placement.solvers.search:solve_search",
+        "exchange from two starts, then rearrange stretches of road while that helps",
         proves_bound=True,
     ),
     "relaxation": Method(
@@ -81,6 +86,11 @@ METHODS: dict[str, Method] = {
         "placement.solvers.cascade:solve_cascade",
         "a cheap score keeps three poses a mount, exchange chooses among them (as in 2018)",
         proves_bound=False,
+    ),
+    "chain": Method(
+        "placement.solvers.chain:solve_chain",
+        "chain bound along the road, elimination, exact search by labels",
+        proves_bound=True,
     ),
     "uniform": Method(
         "placement.solvers.uniform:solve_uniform",

@@ -1,8 +1,8 @@
 """Pick a method for the user: proven where that can be had, always with the best placement found.
 
 The integer program proves optimality for the objectives that it can express, and is anytime; for
-the others swaps give the best placements, and greedy's bound comes with them where the objective
-is submodular.
+the others the search along the road gives the best placements, and greedy's bound comes with them
+where the objective is submodular.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from placement.solution import Proposal
 
 
 def solve_auto(problem: Problem, run: Run) -> Proposal:
-    """Solve by `mip` where it applies, else by `exchange`; `stats["chosen"]` says which."""
-    chosen = "mip" if isinstance(problem.objective, Localisation) else "exchange"
+    """Solve by `mip` where it applies, else by `search`; `stats["chosen"]` says which."""
+    chosen = "mip" if isinstance(problem.objective, Localisation) else "search"
     module = importlib.import_module(f"placement.solvers.{chosen}")
     proposal: Proposal = getattr(module, f"solve_{chosen}")(problem, run)
     return replace(proposal, stats={**proposal.stats, "chosen": chosen})

@@ -46,6 +46,7 @@ def polish(problem: Problem, run: Run, state: State) -> tuple[int, bool]:
     required = {int(i) for i in problem.constraints.required}
     changes = 0
     unimproved = 0  # cameras tried since the last change
+    score = state.score  # asked of the state only once it has changed for good: that can be dear
     while True:
         movable = [i for i in state.selected if i not in required]
         if unimproved >= len(movable):
@@ -53,24 +54,27 @@ def polish(problem: Problem, run: Run, state: State) -> tuple[int, bool]:
             if added is None:
                 return changes, True
             state.add(added)
+            score = state.score
             changes, unimproved = changes + 1, 0
             run.incumbent = state.selected
             continue
         if run.out_of_time():
             return changes, False
         # The state keeps the order of addition, so the head of the list is the next to try.
-        camera, before = movable[0], state.score
+        camera = movable[0]
         state.remove(camera)
         replacement = best_addition(problem, state)
         if replacement is not None and replacement != camera:
             state.add(replacement)
-            if state.score > before + MARGIN * abs(before):
+            if state.score > score + MARGIN * abs(score):
+                score = state.score
                 changes, unimproved = changes + 1, 0
                 run.incumbent = state.selected
-                run.progress(f"{changes} swaps, score {state.score:.6g}", None)
+                run.progress(f"{changes} swaps, score {score:.6g}", None)
                 continue
             state.remove(replacement)
-        if state.score > before + MARGIN * abs(before):
+        if state.score > score + MARGIN * abs(score):
+            score = state.score
             changes, unimproved = changes + 1, 0
             run.incumbent = state.selected
             continue

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.geometry import BoolArray, IntArray
+from models.geometry import IntArray
 from placement.objectives.base import State
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
 from placement.solvers.exchange import MARGIN
 from placement.solvers.greedy import TIE
+from placement.solvers.nearby import addable_near, number_places
 from placement.solvers.random_choice import draw_placement
 
 RESTARTS = 10
@@ -23,7 +24,7 @@ def solve_hill_climb(problem: Problem, run: Run) -> Proposal:
     either direction, on either side: the best of them, if it raises the score. Without a road
     each step tries 64 candidates at random.
     """
-    place = _places(problem)
+    place = number_places(problem)
     best_score = -np.inf
     summits: list[float] = []
     for _ in range(RESTARTS):
@@ -58,33 +59,23 @@ def _climb(problem: Problem, run: Run, state: State, place: IntArray | None) -> 
             return False
         camera, before = movable[0], state.score
         state.remove(camera)
-        near = problem.constraints.addable(np.array(state.selected, dtype=np.int64))
-        candidates = np.flatnonzero(near & _neighbourhood(camera, near, place, run.rng))
+        candidates = _neighbours(problem, state, camera, place, run.rng)
         gains = state.gains(candidates)
         best = float(np.max(gains, initial=-np.inf))
         if best > before - state.score + MARGIN * abs(before):
-            state.add(int(candidates[np.argmax(gains >= best - TIE * abs(best))]))
+            state.add(int(np.min(candidates[gains >= best - TIE * abs(best)])))
             unimproved = 0
         else:
             state.add(camera)
             unimproved += 1
 
 
-def _places(problem: Problem) -> IntArray | None:
-    """Number the places along the road in order, and return each candidate's, (c,)."""
-    if problem.arc_length_m is None:
-        return None
-    return np.unique(problem.arc_length_m, return_inverse=True)[1].astype(np.int64)
-
-
-def _neighbourhood(
-    camera: int, allowed: BoolArray, place: IntArray | None, rng: np.random.Generator
-) -> BoolArray:
-    """Mark the candidates (c,) one step from `camera`."""
+def _neighbours(
+    problem: Problem, state: State, camera: int, place: IntArray | None, rng: np.random.Generator
+) -> IntArray:
+    """Return the candidates one step from `camera`, which has just left `state`."""
     if place is not None:
-        near: BoolArray = np.abs(place - place[camera]) <= 1
-        return near
-    near = np.zeros(len(allowed), dtype=np.bool_)
+        return addable_near(problem, state.selected, place, int(place[camera]), 1)
+    allowed = problem.constraints.addable(np.array(state.selected, dtype=np.int64))
     free = np.flatnonzero(allowed)
-    near[rng.choice(free, min(_NEIGHBOURS, len(free)), replace=False)] = True
-    return near
+    return rng.choice(free, min(_NEIGHBOURS, len(free)), replace=False)

@@ -19,23 +19,35 @@ from placement.solve import METHODS, solve
 
 # Every method that is ready; a new one joins by its name.
 READY = [
+    "auto",
     "greedy",
     "exchange",
+    "search",
     "hill-climb",
     "cascade",
     "uniform",
     "random",
     "relaxation",
     "mip",
+    "chain",
 ]
 # Methods that find the optimum of small problems and prove it.
-EXACT: list[str] = ["mip"]
+EXACT: list[str] = ["auto", "mip", "chain"]
 # Methods whose placement does not depend on how the candidates are numbered (save for ties).
 NUMBERING_FREE = ["greedy", "exchange", *EXACT]
 # Methods whose placement for one camera more holds the one before.
 NESTED = ["greedy"]
 # Methods that ask nothing of an objective but its state and value.
-ANY_OBJECTIVE = ["greedy", "exchange", "hill-climb", "cascade", "uniform", "random"]
+ANY_OBJECTIVE = [
+    "auto",
+    "greedy",
+    "exchange",
+    "search",
+    "hill-climb",
+    "cascade",
+    "uniform",
+    "random",
+]
 
 every_method = pytest.mark.parametrize("method", READY)
 Make = Callable[..., Any]
