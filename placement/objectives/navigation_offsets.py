@@ -15,11 +15,11 @@ from placement.objectives.window_offset_gains import (
     offset_reductions,
     offsets_through,
 )
+from placement.objectives.window_offset_information import inform_offsets
 from placement.objectives.window_offset_slopes import offset_slopes
 from placement.objectives.window_offsets import (
     filter_offsets,
     flat,
-    inform_offsets,
     make_plan,
     offset_shares,
     views_of,

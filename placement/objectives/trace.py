@@ -27,6 +27,7 @@ from placement.objectives.window_filter import (
 from placement.objectives.window_trace import (
     filter_adjoint,
     forgetting,
+    leaps,
     position_slopes,
     window_reductions,
 )
@@ -111,6 +112,9 @@ class WhiteTraceMessages:
         filter_adjoint(
             d.steps, self.total, self.before, np.zeros(6), self.w_tt, self.w_nn, self.future
         )
+        self.target = np.empty(d.n_samples, dtype=np.int64)
+        self.leap, self.passed = np.empty_like(d.steps), np.empty_like(later)
+        leaps(d.steps, self.total, self.w_tt, self.w_nn, self.target, self.leap, self.passed)
         self.walked = np.empty(0, dtype=np.int64)
 
     def gains(self, rows: IntArray) -> FloatArray:
@@ -129,6 +133,9 @@ class WhiteTraceMessages:
             self.after,
             self.future,
             self.forget,
+            self.target,
+            self.leap,
+            self.passed,
             self.w_tt,
             self.w_nn,
             out,

@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from placement.objectives.window_filter import RESCALE
+from placement.objectives.window_offset_information import pull_rows, spread
 from placement.objectives.window_offsets import (
     drop_unseen,
     enter_state,
@@ -22,9 +23,7 @@ from placement.objectives.window_offsets import (
     log_det_definite,
     pass_sample,
     predict_state,
-    pull_rows,
     set_initial,
-    spread,
     store,
     update_state,
 )

@@ -94,6 +94,37 @@ def forgetting(after, later, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def leaps(steps, total, w_tt, w_nn, target, leap, passed):  # type: ignore[no-untyped-def]
+    """Compose the steps from each sample to the next that the placement sees, or to the last.
+
+    Fills `target` (t,), the sample reached; `leap` (t, N_STEP), the way there as one step; and
+    `passed` (t, 6), the derivative of Σ (w_tt P_tt + w_nn P_nn) over the samples leapt by P_t⁺.
+    """
+    n = steps.shape[0]
+    target[n - 1] = n - 1
+    leap[n - 1] = 0.0
+    passed[n - 1] = 0.0
+    for t in range(n - 2, -1, -1):
+        one = steps[t + 1]
+        seen = total[t + 1, 0] != 0.0 or total[t + 1, 2] != 0.0
+        if seen or t == n - 2:
+            target[t] = t + 1
+            leap[t] = one
+            passed[t] = 0.0
+            continue
+        rest = leap[t + 1]
+        target[t] = target[t + 1]
+        leap[t, 0] = rest[0] * one[0] - rest[1] * one[1]
+        leap[t, 1] = rest[0] * one[1] + rest[1] * one[0]
+        leap[t, 2] = rest[0] * one[2] + rest[1] * one[3] + rest[2]
+        leap[t, 3] = rest[0] * one[3] - rest[1] * one[2] + rest[3]
+        noise = predict((one[4], one[5], one[6], one[7], one[8], one[9]), rest)
+        put6(leap[:, 4:], t, noise)
+        g0, g1, g2, g3, g4, g5 = row6(passed, t + 1)
+        put6(passed, t, pull_back((g0 + w_tt, g1, g2, g3 + w_nn, g4, g5), one))
+
+
+@njit(cache=True)
 def position_slopes(after, future, w_tt, w_nn, out):  # type: ignore[no-untyped-def]
     """Fill `out` (t, 3) with the position block of P⁺ (future + W) P⁺.
 
@@ -144,6 +175,9 @@ def window_reductions(  # type: ignore[no-untyped-def]
     after,
     future,
     forget,
+    target,
+    leap,
+    passed,
     w_tt,
     w_nn,
     out,
@@ -151,8 +185,9 @@ def window_reductions(  # type: ignore[no-untyped-def]
 ):
     """Set out[k] to the fall of Σ_t (w_tt P_tt + w_nn P_nn)_t on adding candidate rows[k].
 
-    `walked[k]` counts the samples visited. What the walk leaves open at its end is at most
-    TAIL_TOLERANCE of the gain, by the bound of this module.
+    `walked[k]` counts the samples visited; those after the window that the placement does not see
+    are leapt over. What the walk leaves open at its end is at most TAIL_TOLERANCE of the gain, by
+    the bound of this module.
     """
     isotropic = blocks.shape[1] == 1
     last = steps.shape[0] - 1
@@ -189,7 +224,11 @@ def window_reductions(  # type: ignore[no-untyped-def]
                 if t == last or (rho < 0.5 and rho * tail <= TAIL_TOLERANCE * (fall + tail)):
                     fall += tail
                     break
-            elif not own and visits % LOOK_EVERY == 0 and indices[e] - t > LOOK_EVERY:
+                fall += inner(delta, row6(passed, t))
+                p = predict(p, leap[t])
+                t = target[t]
+                continue
+            if not own and visits % LOOK_EVERY == 0 and indices[e] - t > LOOK_EVERY:
                 scale = FORGOTTEN
                 if (
                     abs(delta[0]) <= scale * base[0]
