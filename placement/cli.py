@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated
@@ -28,7 +29,8 @@ Plant = Annotated[str, typer.Option(help="The simulated car: kinematic or single
 
 
 def main() -> None:
-    """Run the command line; bad input is one line on stderr and exit code 2."""
+    """Run the command line; bad input is one line a problem on stderr and exit code 2."""
+    warnings.showwarning = lambda message, *_where, **_more: _complain(f"warning: {message}")
     for entry in entry_points(group="placement.commands"):
         entry.load()(app)
     try:
@@ -36,12 +38,16 @@ def main() -> None:
     except (ValueError, OSError) as error:
         if os.environ.get("PLACEMENT_DEBUG"):
             raise
-        line = " ".join(str(error).split())
-        print(f"placement: {line}", file=sys.stderr)  # noqa: T201
+        for problem in getattr(error, "problems", None) or [str(error)]:
+            _complain(problem)
         sys.exit(EXIT_BAD_INPUT)
     except KeyboardInterrupt:
-        print("placement: interrupted; nothing was written", file=sys.stderr)  # noqa: T201
+        _complain("interrupted; nothing was written")
         sys.exit(EXIT_UNSOLVED)
+
+
+def _complain(problem: str) -> None:
+    print(f"placement: {' '.join(problem.split())}", file=sys.stderr)  # noqa: T201
 
 
 @app.command()
