@@ -49,7 +49,7 @@ class Method:
 METHODS: dict[str, Method] = {
     "auto": Method(
         "placement.solvers.auto:solve_auto",
-        "picks for you: `mip` where it can prove, else `search`",
+        "picks for you: `chain` where it can prove, else `search`",
         proves_bound=True,
     ),
     "greedy": Method(

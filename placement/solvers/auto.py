@@ -1,7 +1,8 @@
 """Pick a method for the user: proven where that can be had, always with the best placement found.
 
-The integer program proves optimality for the objectives that it can express, and is anytime; for
-the others the search along the road gives the best placements, and greedy's bound comes with them
+The chain bound and its labels prove optimality for `localisation` (on the Norisring in half a
+second, where the integer program stops 0.2 % short after a minute) and are anytime; for the other
+objectives the search along the road gives the best placements, and greedy's bound comes with them
 where the objective is submodular.
 """
 
@@ -16,8 +17,8 @@ from placement.solution import Proposal
 
 
 def solve_auto(problem: Problem, run: Run) -> Proposal:
-    """Solve by `mip` where it applies, else by `search`; `stats["chosen"]` says which."""
-    chosen = "mip" if isinstance(problem.objective, Localisation) else "search"
+    """Solve by `chain` where it applies, else by `search`; `stats["chosen"]` says which."""
+    chosen = "chain" if isinstance(problem.objective, Localisation) else "search"
     module = importlib.import_module(f"placement.solvers.{chosen}")
     proposal: Proposal = getattr(module, f"solve_{chosen}")(problem, run)
     return replace(proposal, stats={**proposal.stats, "chosen": chosen})
