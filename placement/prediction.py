@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.geometry import FloatArray
+from models.geometry import FloatArray, IntArray
 from placement.assemble import Scene, build_odometry
 from placement.objectives.navigation import WhiteDrive
 from placement.objectives.navigation_chain import Drive
+from placement.objectives.navigation_offsets import Forward, OffsetDrive
 from placement.objectives.window_filter import empty_messages, filter_forward
 
 
@@ -28,18 +29,30 @@ class Prediction:
 
 def predict(scene: Scene, selected: Sequence[int]) -> Prediction:
     """Filter the nominal drive with the selected cameras; no randomness, no simulation."""
-    drive = WhiteDrive(
+    after = covariances(
         Drive(
             scene.points,
             scene.information,
             build_odometry(scene.instance.vehicle),
             np.array(scene.instance.vehicle.initial_sigma),
-        )
+        ),
+        np.array(sorted(selected), dtype=np.int64),
     )
-    before, after, logs = empty_messages(drive.n_samples)
-    total = drive.total(np.array(sorted(selected), dtype=np.int64))
-    filter_forward(drive.steps, drive.p0, total, before, after, logs)
     return Prediction(
         position_sigma_m=np.sqrt(after[:, 0] + after[:, 3]),
         lateral_sigma_m=np.sqrt(after[:, 3]),
     )
+
+
+def covariances(drive: Drive, selected: IntArray) -> FloatArray:
+    """Return the filter's covariance after each sample (t, 6): tt, tn, tθ, nn, nθ, θθ.
+
+    Persistent offsets of the cameras in view are estimated beside the car, as the best filter
+    would; where the error is white there are none.
+    """
+    if drive.persistent:
+        return Forward(OffsetDrive(drive), selected).car()
+    white = WhiteDrive(drive)
+    before, after, logs = empty_messages(white.n_samples)
+    filter_forward(white.steps, white.p0, white.total(selected), before, after, logs)
+    return after
