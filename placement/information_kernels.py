@@ -1,7 +1,7 @@
 """The compiled half of the information matrix: walk the poses, count or write what they see.
 
-A tree of circles decides which leaves of sixteen samples are worth a look; `pair_kernels` looks at
-a leaf at once; what is seen is packed into CSR rows. Threads share the work by taking poses apart:
+A tree of circles decides which leaves of samples are worth a look; `pair_kernels` looks at a whole
+leaf at once; what is seen is packed into CSR rows. Threads share the work by taking poses apart:
 the kernels hold no lock, allocate nothing but small scratch, and write to disjoint rows.
 """
 

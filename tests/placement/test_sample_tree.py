@@ -27,7 +27,7 @@ def test_every_leaf_is_listed_in_order_when_the_range_is_wide(n: int) -> None:
 
 def test_nothing_is_listed_out_of_range() -> None:
     s = np.arange(100.0)
-    assert leaves_near(s, 0 * s, (0.0, 15.0), 4.9) == []
+    assert leaves_near(s, 0 * s, (0.0, float(LEAF)), 4.9) == []
 
 
 @settings(deadline=None, max_examples=60)
@@ -48,9 +48,9 @@ def test_a_sample_within_range_lies_in_a_listed_leaf(
 
 
 def test_half_planes_cut_off_what_lies_behind_them() -> None:
-    s = np.arange(160.0)
+    s = np.arange(10.0 * LEAF)
     tree = build_tree(s, 0 * s, 0 * s)
     stack, leaves = np.empty(72, np.int64), np.empty(tree.first_leaf, np.int64)
     ahead = np.array([[-1.0, 0.0, 0.0]])  # −dx ≤ 0
-    n = find_leaves(tree.circles, tree.first_leaf, ahead, 80.0, 0.0, 1e6, stack, leaves)
+    n = find_leaves(tree.circles, tree.first_leaf, ahead, 5.0 * LEAF, 0.0, 1e6, stack, leaves)
     assert leaves[:n].tolist() == [5, 6, 7, 8, 9]
