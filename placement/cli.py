@@ -95,6 +95,18 @@ def validate(
 
 
 @app.command()
+def verify(
+    folder: Annotated[Path, typer.Argument(help="What `placement solve --out` wrote.")],
+    quiet: Quiet = False,
+) -> None:
+    """Check what FOLDER claims by slower, plainer means: value, rules, bound, every file."""
+    from placement import commands
+
+    if not commands.verify_in(folder, quiet=quiet):
+        raise typer.Exit(EXIT_UNSOLVED)
+
+
+@app.command()
 def demo(
     out: Annotated[Path, typer.Option(help="The folder the results go to.")] = Path("out/demo"),
     runs: Runs = 200,

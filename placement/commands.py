@@ -118,6 +118,24 @@ def validate_in(
         _say(_validation_lines(validation, runs, seconds, folder))
 
 
+def verify_in(folder: Path, *, quiet: bool = False) -> bool:
+    """Let the referee check `folder`, record what it found there, and return whether all holds.
+
+    Raises:
+        ValueError: for bad input; nothing is written then.
+    """
+    from placement.output import to_json
+    from placement.verify import verify_folder
+    from placement.watch import watch
+
+    with watch(quiet) as report:
+        verification = verify_folder(folder, report)
+    write_files(folder, {"verification.json": to_json(verification.record())})
+    if not quiet:
+        _say([verification.summary()])
+    return verification.passed
+
+
 def _write(
     folder: Path,
     scene: Scene,
@@ -138,8 +156,9 @@ def _write(
         for entry in sorted(entry_points(group="placement.figures"), key=lambda e: e.name):
             draw: Callable[[Result], dict[str, Content]] = entry.load()
             files |= draw(result)
-    # A new solution makes an older one's simulation stale.
+    # A new solution makes an older one's simulation and verification stale.
     stale = ["validation.csv", "validation_summary.json"] if validation is None else []
+    stale += ["verification.json"] if validation is None else []
     write_files(folder, files, remove=stale)
 
 

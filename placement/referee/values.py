@@ -1,0 +1,156 @@
+"""The value of a placement, from the instance alone: samples, sights, and the objective densely."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.geometry import FloatArray
+from models.projections import Projection
+from models.roads import Road
+from placement.assemble import build_odometry, build_road
+from placement.candidates import Candidates
+from placement.instance import Instance
+from placement.referee.drive import Filtered, Track, filter_drive
+from placement.referee.sight import Eye, Sight, look
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """An instance rebuilt: its road sampled anew, and the selected cameras as eyes."""
+
+    instance: Instance
+    road: Road
+    track: Track
+    xy: FloatArray
+    curvature: FloatArray
+
+
+def rebuild(instance: Instance) -> Scene:
+    """Build the road and sample it through `Road.evaluate` alone.
+
+    Raises:
+        ValueError: for an instance with something that this referee does not know.
+    """
+    unknown = [
+        name
+        for name, given in (
+            ("obstacles", bool(instance.obstacles.polygons or instance.obstacles.file)),
+            ("objective.drives", bool(instance.objective.drives)),
+        )
+        if given
+    ]
+    if instance.objective.kind not in VALUES:
+        unknown.append(f"objective.kind = {instance.objective.kind}")
+    if unknown:
+        raise ValueError(f"verify does not know {' and '.join(unknown)}: nothing was checked")
+    road = build_road(instance)
+    intervals = max(1, math.ceil(road.length_m / instance.road.sample_spacing_m - 1e-9))
+    spacing = road.length_m / intervals
+    points = road.evaluate(np.arange(intervals + (not road.closed)) * spacing)
+    odometry = build_odometry(instance.vehicle)
+    track = Track(
+        s_m=points.s_m,
+        x_m=points.x_m,
+        y_m=points.y_m,
+        heading_rad=points.heading_rad,
+        densities=(
+            odometry.heading_rad_per_sqrt_m,
+            odometry.along_m_per_sqrt_m,
+            odometry.across_m_per_sqrt_m,
+        ),
+        initial_sigma=instance.vehicle.initial_sigma,
+        frames=instance.camera.rate_hz * spacing / instance.vehicle.speed_mps,
+    )
+    return Scene(instance, road, track, np.column_stack([points.x_m, points.y_m]), points.curvature)
+
+
+def eyes_of(candidates: Candidates, selected: Sequence[int]) -> list[Eye]:
+    """Return the selected candidates, one camera each, as this referee sees them."""
+    c = candidates.cameras
+    return [
+        Eye(
+            float(c.x_m[i]),
+            float(c.y_m[i]),
+            float(c.height_m[i]),
+            float(c.yaw_rad[i]),
+            float(c.pitch_rad[i]),
+            float(c.hfov_rad[i]),
+            float(c.vfov_rad[i]),
+            float(c.width_px[i]),
+            float(c.height_px[i]),
+            Projection(int(c.projection[i])).name.lower(),
+            (
+                float(c.distortion[i, 0]),
+                float(c.distortion[i, 1]),
+                float(c.distortion[i, 2]),
+                float(c.distortion[i, 3]),
+            ),
+        )
+        for i in selected
+    ]
+
+
+def sights_of(scene: Scene, eyes: Sequence[Eye]) -> list[Sight]:
+    """Look along the whole path with each camera."""
+    instance = scene.instance
+    return [look(eye, scene.xy, instance.errors, instance.camera.max_range_m) for eye in eyes]
+
+
+def filtered(scene: Scene, sights: Sequence[Sight]) -> Filtered:
+    """Filter the drive with these cameras, offsets carried where errors persist."""
+    return filter_drive(scene.track, sights)
+
+
+def value_of(scene: Scene, sights: Sequence[Sight]) -> float:
+    """Return the value of the instance's objective."""
+    return VALUES[scene.instance.objective.kind](scene, sights)
+
+
+def _localisation(scene: Scene, sights: Sequence[Sight]) -> float:
+    section = scene.instance.objective
+    information = np.tile(np.eye(2) / section.prior_sigma_m**2, (len(scene.xy), 1, 1))
+    for sight in sights:
+        information[sight.seen] += np.linalg.inv(sight.whole[sight.seen])
+    gain = np.linalg.slogdet(information)[1] + 4.0 * math.log(section.prior_sigma_m)
+    weights = np.ones(len(gain)) if section.weights is None else np.array(section.weights)
+    return math.fsum(weights * gain)
+
+
+def _entropy(scene: Scene, sights: Sequence[Sight]) -> float:
+    return filtered(scene, sights).log_det
+
+
+def _trace(scene: Scene, sights: Sequence[Sight]) -> float:
+    P = filtered(scene, sights).covariance
+    if scene.instance.objective.weight == "lateral":
+        return float(np.mean(lateral_variance(scene, P)))
+    return float(np.mean(P[:, 0, 0] + P[:, 1, 1]))
+
+
+def _final_entropy(scene: Scene, sights: Sequence[Sight]) -> float:
+    log_det = np.linalg.slogdet(filtered(scene, sights).covariance[-1])[1]
+    return float(0.5 * (3.0 * math.log(2.0 * math.pi * math.e) + log_det))
+
+
+def lateral_variance(scene: Scene, P: FloatArray) -> FloatArray:
+    """Return the variance across the road (t,) of world covariances P (t, 3, 3)."""
+    heading = scene.track.heading_rad
+    left = np.column_stack([-np.sin(heading), np.cos(heading)])
+    variance: FloatArray = np.einsum("ti,tij,tj->t", left, P[:, :2, :2], left)
+    return variance
+
+
+# What the value of each objective.kind is; a kind without a row is not verified.
+VALUES: Mapping[str, Callable[[Scene, Sequence[Sight]], float]] = {
+    "localisation": _localisation,
+    "entropy": _entropy,
+    "trace": _trace,
+    "final_entropy": _final_entropy,
+}
+# The objectives that are maximised; the others are minimised.
+MAXIMISED = frozenset({"localisation", "entropy"})
+UNITS = {"localisation": "nats", "entropy": "nats", "trace": "m^2", "final_entropy": "nats"}

@@ -1,0 +1,274 @@
+"""The referee: everything a solution folder claims, checked again by slower and plainer means.
+
+Rebuilt from the instance: the road, the candidates, the rules. Derived anew in plain NumPy
+(`placement.referee`): what each selected camera sees and how well, the value, the error along the
+path, and where it is cheap a bound. What is left on trust is said.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from models.geometry import FloatArray
+from placement.assemble import build_constraints
+from placement.candidates import Candidates, build_candidates
+from placement.constraints import Constraints
+from placement.output import Stored, read_folder
+from placement.referee.bounds import Knapsack, score_bound
+from placement.referee.checks import Check, is_number, near, none_of, same
+from placement.referee.rules import camera_checks, form_check, rule_checks
+from placement.referee.values import (
+    MAXIMISED,
+    UNITS,
+    Scene,
+    eyes_of,
+    filtered,
+    lateral_variance,
+    rebuild,
+    sights_of,
+    value_of,
+)
+from placement.solution import OPTIMAL_GAP, Status
+
+# Stored information is float32 (6e-8 relative an entry), and the referee's derivatives are
+# differences: values agree to 1e-8; whatever somebody changed shows in more than a millionth.
+VALUE_TOLERANCE = 1e-6
+PATH_TOLERANCE = 1e-5
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """What the referee found: the checks, what was taken on trust, and its own bound."""
+
+    checks: list[Check]
+    trusted: list[str] = field(default_factory=list)
+    bound: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def passed(self) -> bool:
+        """Whether every check holds."""
+        return all(check.passed for check in self.checks)
+
+    def record(self) -> dict[str, Any]:
+        """Return the content of `verification.json`."""
+        return {
+            "passed": self.passed,
+            "checks": [check.record() for check in self.checks],
+            "trusted": self.trusted,
+            "bound": self.bound,
+        }
+
+    def summary(self) -> str:
+        """Return one line: verified, or what is wrong."""
+        failed = [check for check in self.checks if not check.passed]
+        if failed:
+            first = failed[0]
+            more = f", and {len(failed) - 1} more" if len(failed) > 1 else ""
+            return (
+                f"NOT verified: {first.name} must be {_short(first.expected)}, "
+                f"got {_short(first.got)}{more}"
+            )
+        trust = f"; on trust: {'; '.join(self.trusted)}" if self.trusted else ""
+        return f"verified: all {len(self.checks)} checks hold{trust}"
+
+
+def verify_folder(
+    folder: Path, progress: Callable[[str, float | None], None] | None = None
+) -> Verification:
+    """Check what `solve` wrote into `folder`.
+
+    Raises:
+        ValueError: if there is no placement to check, a file is damaged, or the instance holds
+            something the referee does not know.
+    """
+    tell = progress or (lambda _text, _fraction: None)
+    stored = read_folder(folder, check_hash=False)
+    tell("rebuilding the instance", None)
+    scene = rebuild(stored.instance)
+    candidates = build_candidates(stored.instance, scene.road)
+    constraints = build_constraints(stored.instance.budget, candidates)
+    record = stored.record
+    checks = [
+        same("instance_sha256", stored.instance.sha256(), record.get("instance_sha256")),
+        form_check(record.get("selected"), len(candidates)),
+        *_headings(stored, candidates, constraints),
+    ]
+    selected = sorted({i for i in stored.selected if 0 <= i < len(candidates)})
+    checks += rule_checks(stored.instance, candidates, constraints, selected)
+    checks += camera_checks(candidates, selected, record.get("cameras"), "cameras")
+    checks += camera_checks(candidates, selected, _placements(folder), "placements.csv")
+    tell("looking through every camera", None)
+    sights = sights_of(scene, eyes_of(candidates, selected))
+    value = value_of(scene, sights)
+    checks.append(near("value", value, record.get("value"), VALUE_TOLERANCE * abs(value)))
+    checks += _path_checks(folder, scene, sights)
+    checks += certificate_checks(record, value, scene.instance.objective.kind in MAXIMISED)
+    tell("deriving a bound", None)
+    trusted, bound = _bound(scene, candidates, constraints, selected, value, record, checks)
+    return Verification(checks, trusted, bound)
+
+
+def certificate_checks(record: Mapping[str, Any], value: float, maximise: bool) -> list[Check]:
+    """Check bound, gap and status against each other and against the value derived here."""
+    side = "upper_bound" if maximise else "lower_bound"
+    bound, gap, status = record.get(side), record.get("gap"), record.get("status")
+    stated = record.get("value")
+    checks = [
+        Check("bound.side", side in record and _other(side) not in record, side, _sides(record)),
+        Check("status.word", status in set(map(str, Status)), [str(s) for s in Status], status),
+    ]
+    if bound is None:
+        checks.append(same("gap", None, gap))
+        checks.append(Check("status", status != "optimal", "not optimal without a bound", status))
+        return checks
+    slack = VALUE_TOLERANCE * abs(value)
+    sign = 1.0 if maximise else -1.0
+    holds = is_number(bound) and sign * bound >= sign * value - slack
+    checks.append(
+        Check("bound.holds", holds, f"at {'least' if maximise else 'most'} {value!r}", bound, slack)
+    )
+    if not (is_number(bound) and is_number(stated)):
+        return [*checks, none_of("gap", ["bound and value must both be numbers"])]
+    distance = abs(bound - stated)
+    share = 0.0 if distance == 0.0 else distance / abs(stated) if stated else None
+    if share is None:
+        checks.append(same("gap", None, gap))
+    else:
+        checks.append(near("gap", share, gap, 1e-9 * share + 1e-15))
+    proven = distance <= OPTIMAL_GAP * abs(stated) * (1.0 + 1e-9)
+    right = (status == "optimal") == proven
+    wanted = "optimal" if proven else "not optimal: the gap is open"
+    checks.append(Check("status", right, wanted, status))
+    return checks
+
+
+def _headings(stored: Stored, candidates: Candidates, constraints: Constraints) -> list[Check]:
+    kind, record = stored.instance.objective.kind, stored.record
+    seconds, seed = record.get("seconds"), record.get("seed")
+    good_seed = isinstance(seed, int) and not isinstance(seed, bool) and seed >= 0
+    return [
+        same("instance", stored.instance.name, record.get("instance")),
+        same("objective", kind, record.get("objective")),
+        same("unit", UNITS[kind], record.get("unit")),
+        same("budget", constraints.budget, record.get("budget")),
+        same("candidates", len(candidates), record.get("candidates")),
+        Check("seconds", is_number(seconds) and seconds >= 0.0, "a number of at least 0", seconds),
+        Check("seed", good_seed, "a whole number of at least 0", seed),
+    ]
+
+
+def _path_checks(folder: Path, scene: Scene, sights: list[Any]) -> list[Check]:
+    """Check every column of `along_path.csv` against the drive filtered here."""
+    table = _read_csv(folder / "along_path.csv")
+    t = len(scene.xy)
+    checks = [same("along_path.csv.rows", t, len(table))]
+    if len(table) != t:
+        return checks
+    P = filtered(scene, sights).covariance
+    seeing = np.sum([sight.seen for sight in sights], axis=0) if sights else np.zeros(t)
+    columns: dict[str, tuple[FloatArray, float]] = {
+        "s_m": (scene.track.s_m, 1e-6),
+        "x_m": (scene.track.x_m, 1e-6),
+        "y_m": (scene.track.y_m, 1e-6),
+        "curvature": (scene.curvature, 1e-9),
+        "position_sigma_m": (np.sqrt(P[:, 0, 0] + P[:, 1, 1]), 1e-9),
+        "lateral_2sigma_m": (2.0 * np.sqrt(lateral_variance(scene, P)), 1e-9),
+        "cameras_seeing": (np.asarray(seeing, dtype=np.float64), 0.0),
+    }
+    for name, (expected, absolute) in columns.items():
+        relative = 0.0 if name == "cameras_seeing" else PATH_TOLERANCE
+        got = np.array([_number(row.get(name)) for row in table])
+        off = ~(np.abs(got - expected) <= absolute + relative * np.abs(expected))
+        faults = [f"row {n} is {got[n]:.9g}, wanted {expected[n]:.9g}" for n in np.flatnonzero(off)]
+        checks.append(none_of(f"along_path.csv.{name}", faults))
+    return checks
+
+
+def _bound(
+    scene: Scene,
+    candidates: Candidates,
+    constraints: Constraints,
+    selected: list[int],
+    value: float,
+    record: Mapping[str, Any],
+    checks: list[Check],
+) -> tuple[list[str], dict[str, Any]]:
+    """Derive a bound, compare it with the recorded one, and say what is left on trust."""
+    maximise = scene.instance.objective.kind in MAXIMISED
+    side = "upper_bound" if maximise else "lower_bound"
+    recorded = record.get(side)
+    found: dict[str, Any] = {"recorded": recorded, "derived": None}
+    if not is_number(recorded):
+        return [], found
+    # Left out of the knapsack: separation and required poses, which only lower the bound.
+    knapsack = Knapsack(constraints.usable(), constraints.group, constraints.budget)
+    bound = score_bound(scene, candidates, knapsack, selected)
+    if bound is None:
+        why = "its cameras' persistent errors couple all their frames"
+        return [f"{side} {recorded:.6g} ({why})"], found
+    sign = 1.0 if maximise else -1.0
+    derived = sign * bound
+    found |= {"derived": derived, "derived_gap": abs(derived - value) / abs(value)}
+    slack = VALUE_TOLERANCE * abs(value)
+    checks.append(
+        Check("bound.derived", bound >= sign * value - slack, f"beyond {value!r}", derived, slack)
+    )
+    if sign * recorded >= bound - slack:
+        return [], found
+    return [f"{side} {recorded:.6g}, tighter than the {derived:.6g} derived here"], found
+
+
+def _placements(folder: Path) -> list[dict[str, Any]]:
+    rows = _read_csv(folder / "placements.csv")
+    return [
+        {key: _int(text) if key == "mount" else _maybe(text) for key, text in row.items()}
+        for row in rows
+    ]
+
+
+def _read_csv(path: Path) -> list[dict[str, str]]:
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            return list(csv.DictReader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ValueError(f"{path} cannot be read ({error})") from None
+
+
+def _number(text: str | None) -> float:
+    try:
+        return float(text) if text is not None else float("nan")
+    except ValueError:
+        return float("nan")
+
+
+def _maybe(text: str) -> float | str:
+    number = _number(text)
+    return text if number != number else number
+
+
+def _int(text: str) -> int | str:
+    try:
+        return int(text)
+    except ValueError:
+        return text
+
+
+def _other(side: str) -> str:
+    return "lower_bound" if side == "upper_bound" else "upper_bound"
+
+
+def _sides(record: Mapping[str, Any]) -> str:
+    sides = [side for side in ("upper_bound", "lower_bound") if side in record]
+    return " and ".join(sides) or "none"
+
+
+def _short(value: Any) -> str:
+    text = value if isinstance(value, str) else json.dumps(value, default=str)
+    return text if len(text) <= 120 else text[:117] + "…"
