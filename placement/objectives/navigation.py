@@ -57,6 +57,10 @@ class NavigationObjective:
     def _part(self, drive: Drive) -> DrivePart:
         raise NotImplementedError
 
+    def over(self, drives: Sequence[Drive]) -> NavigationObjective:
+        """Return the same objective over other drives."""
+        return type(self)(drives)
+
     @property
     def n_candidates(self) -> int:
         """The number of candidates, c."""

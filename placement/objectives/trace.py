@@ -50,6 +50,10 @@ class Trace(NavigationObjective):
         self.weight = weight
         super().__init__(drives)
 
+    def over(self, drives: Sequence[Drive]) -> Trace:
+        """Return the same objective over other drives."""
+        return Trace(drives, self.weight)
+
     def _part(self, drive: Drive) -> DrivePart:
         part = OffsetTrace if drive.persistent else WhiteTrace
         return part(drive, *WEIGHTS[self.weight])

@@ -1,0 +1,175 @@
+"""Best paths through cameras in their order along the road, for all budgets at once.
+
+A gain of −∞ marks an arc that no placement worth having uses. Rows of the tables count cameras:
+F[l, i] is the best path of l + 1 cameras that ends with i, B[r, i] the most that at most r further
+ones can add after i. To second order the same over arcs instead of cameras.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from models.geometry import BoolArray, FloatArray, IntArray
+
+_STRIPE = 64  # cameras a thread serves at one time: their gains share cache lines
+
+
+class Arcs(NamedTuple):
+    """m arcs source → target, sorted by target; see `gains.add_triple_gains` for the layout."""
+
+    source: IntArray  # (m,)
+    target: IntArray  # (m,)
+    into: IntArray  # (n + 1,) arcs into each camera
+    out: IntArray  # (m,) the arcs again, by source
+    out_of: IntArray  # (n + 1,) into `out`
+    triple: IntArray  # (m + 1,) into the gains of pairs of arcs
+
+
+def lay_out(alive: BoolArray) -> Arcs:
+    """Lay out the arcs that `alive` (n, n) marks."""
+    n = len(alive)
+    target, source = np.nonzero(alive.T)
+    out = np.lexsort((target, source))
+    into = np.concatenate([[0], np.cumsum(np.bincount(target, minlength=n))]).astype(np.int64)
+    out_of = np.concatenate([[0], np.cumsum(np.bincount(source, minlength=n))]).astype(np.int64)
+    follow = np.diff(out_of)[target]
+    triple = np.concatenate([[0], np.cumsum(follow)]).astype(np.int64)
+    return Arcs(source, target, into, out, out_of, triple)
+
+
+@njit(cache=True, parallel=True)
+def forward(pairs, alone, k):  # type: ignore[no-untyped-def]
+    """Return F (k, n)."""
+    n = alone.size
+    found = np.empty((k, n))
+    found[0] = alone
+    for level in range(1, k):
+        for stripe in prange((n + _STRIPE - 1) // _STRIPE):
+            low = stripe * _STRIPE
+            high = min(n, low + _STRIPE)
+            best = np.full(high - low, -np.inf)
+            for a in range(high - 1):
+                value = found[level - 1, a]
+                if value == -np.inf:
+                    continue
+                for b in range(max(low, a + 1), high):
+                    if value + pairs[a, b] > best[b - low]:
+                        best[b - low] = value + pairs[a, b]
+            found[level, low:high] = best
+    return found
+
+
+@njit(cache=True, parallel=True)
+def backward(pairs, may_end, k):  # type: ignore[no-untyped-def]
+    """Return B (k, n); `may_end` (n,) is 0, or −∞ where a path must go on."""
+    n = may_end.size
+    found = np.empty((k, n))
+    found[0] = may_end
+    for level in range(1, k):
+        for a in prange(n):
+            best = may_end[a]
+            for b in range(a + 1, n):
+                best = max(best, pairs[a, b] + found[level - 1, b])
+            found[level, a] = best
+    return found
+
+
+@njit(cache=True)
+def best_through(F, B):  # type: ignore[no-untyped-def]
+    """Return the best path of at most k cameras (or arcs) through each (n,)."""
+    k, n = F.shape
+    best = np.full(n, -np.inf)
+    for level in range(k):
+        for i in range(n):
+            best[i] = max(best[i], F[level, i] + B[k - 1 - level, i])
+    return best
+
+
+@njit(cache=True, parallel=True)
+def arcs_above(pairs, F, B, threshold):  # type: ignore[no-untyped-def]
+    """Mark the arcs (n, n) on some path of at most k cameras that reaches `threshold`."""
+    k, n = F.shape
+    alive = np.zeros((n, n), np.bool_)
+    for a in prange(n):
+        for b in range(a + 1, n):
+            if pairs[a, b] == -np.inf:
+                continue
+            for level in range(k - 1):
+                if F[level, a] + pairs[a, b] + B[k - 2 - level, b] >= threshold:
+                    alive[a, b] = True
+                    break
+    return alive
+
+
+@njit(cache=True, parallel=True)
+def forward_arcs(start, into, source, out, out_of, triple, gains, k):  # type: ignore[no-untyped-def]
+    """Return F (k − 1, m) over arcs; row 0 is `start` (m,), the paths of two cameras."""
+    m, n = start.size, into.size - 1
+    found = np.full((k - 1, m), -np.inf)
+    found[0] = start
+    for level in range(1, k - 1):
+        for j in prange(n):
+            begin, end = out_of[j], out_of[j + 1]
+            for a in range(into[j], into[j + 1]):
+                value = found[level - 1, a]
+                if value == -np.inf:
+                    continue
+                at = triple[a]
+                for o in range(begin, end):
+                    b = out[o]
+                    if value + gains[at + o - begin] > found[level, b]:
+                        found[level, b] = value + gains[at + o - begin]
+    return found
+
+
+@njit(cache=True, parallel=True)
+def backward_arcs(may_end, into, source, out, out_of, triple, gains, k):  # type: ignore[no-untyped-def]
+    """Return B (k − 1, m) over arcs; `may_end` (n,) is by camera."""
+    m, n = source.size, into.size - 1
+    found = np.empty((k - 1, m))
+    for level in range(k - 1):
+        for j in prange(n):
+            begin, end = out_of[j], out_of[j + 1]
+            for a in range(into[j], into[j + 1]):
+                best = may_end[j]
+                if level > 0:
+                    at = triple[a]
+                    for o in range(begin, end):
+                        best = max(best, gains[at + o - begin] + found[level - 1, out[o]])
+                found[level, a] = best
+    return found
+
+
+def trace_path(pairs: NDArray[np.float32], F: FloatArray, may_end: FloatArray) -> IntArray:
+    """Return a best path of at most k cameras by first-order gains."""
+    ends = F + may_end
+    level, at = np.unravel_index(int(np.argmax(ends)), ends.shape)
+    if ends[level, at] == -np.inf:
+        return np.empty(0, dtype=np.int64)
+    path = [int(at)]
+    for row in range(int(level) - 1, -1, -1):
+        path.append(int(np.argmax(F[row, : path[-1]] + pairs[: path[-1], path[-1]])))
+    return np.array(path[::-1], dtype=np.int64)
+
+
+def trace_arcs(
+    arcs: Arcs, gains: NDArray[np.float32], F: FloatArray, may_end: FloatArray
+) -> IntArray:
+    """Return a best path of two to k cameras by second-order gains."""
+    ends = F + may_end[arcs.target]
+    level, at = np.unravel_index(int(np.argmax(ends)), ends.shape)
+    if ends[level, at] == -np.inf:
+        return np.empty(0, dtype=np.int64)
+    arc = int(at)
+    path = [int(arcs.target[arc]), int(arcs.source[arc])]
+    for row in range(int(level) - 1, -1, -1):
+        j = path[-1]
+        into = np.arange(arcs.into[j], arcs.into[j + 1])
+        place = int(np.flatnonzero(arcs.out[arcs.out_of[j] : arcs.out_of[j + 1]] == arc)[0])
+        arc = int(into[np.argmax(F[row, into] + gains[arcs.triple[into] + place])])
+        path.append(int(arcs.source[arc]))
+    return np.array(path[::-1], dtype=np.int64)
