@@ -27,7 +27,7 @@ from models.filters import (
 from models.following import Course, follow, speed_wanted
 from models.geometry import BoolArray, FloatArray, IntArray
 from models.installation import N_OFFSETS
-from models.plants import HEADING, SPEED, STATE_SIZE, X, Y, move, wheel_motion
+from models.plants import HEADING, SPEED, STATE_SIZE, X, Y, move, small_turn, wheel_motion
 from models.sensing import SEEN_CAMERA, SEEN_X, SEEN_Y, Sensors, believe, install, observe
 
 TICK_S = 0.01
@@ -117,6 +117,9 @@ def drive(
     scale = 1.0 if noisy else 0.0
     real = install(sensors, rng_install, scale if sensors.persistent else 0.0)
 
+    # Taken out of their tuple once: what is read at every tick would count references there.
+    plant, parameters, noise, gains = car.plant, car.parameters, car.noise, car.gains
+    to_rear, to_front, slip = car.to_rear_m, car.to_front_m, car.slip_per_mps2
     # Truth and estimate at the start of the road.
     state = np.zeros(STATE_SIZE)
     state[HEADING] = course.heading_rad[0]
@@ -149,12 +152,13 @@ def drive(
     frame_tick = round(timing.frame_ticks)
     # An open road is driven until the front axle is at its end.
     finish = course.length_m if course.closed else course.length_m - car.to_front_m
+    every, latency = timing.filter_every, timing.latency
     steps = 0
     status = TOO_LONG
     summary[:] = 0.0
     tick = 0
     while tick <= timing.last:
-        is_step = tick % timing.filter_every == 0
+        is_step = tick % every == 0
         count = 0
         if tick == frame_tick:
             count = observe(sensors, real, state[X], state[Y], noisy, rng_frames, seen)
@@ -171,21 +175,21 @@ def drive(
                 odometry[1],
                 odometry[2],
                 odometry[3],
-                car.noise,
+                noise,
             )
             odometry[:] = 0.0
         slot = -1
-        if count > 0 and timing.latency > 0:
+        if count > 0 and latency > 0:
             slot = next_slot
             next_slot = (next_slot + 1) % timing.slots
             remember(mean, covariance, cross, met, n_met, slot)
         for n in range(count):
             queue[n_queue, :3] = seen[n]
             queue[n_queue, 3] = slot
-            queue[n_queue, 4] = tick + timing.latency
+            queue[n_queue, 4] = tick + latency
             n_queue += 1
         taken = 0
-        while taken < n_queue and queue[taken, 4] <= tick and (is_step or timing.latency == 0):
+        while taken < n_queue and queue[taken, 4] <= tick and (is_step or latency == 0):
             camera = int(queue[taken, SEEN_CAMERA])
             slot = int(queue[taken, 3])
             x, y = queue[taken, SEEN_X], queue[taken, SEEN_Y]
@@ -261,26 +265,24 @@ def drive(
                 if s_mean >= finish:
                     status = ARRIVED
                     break
-            front_x = mean[0] + car.to_front_m * math.cos(mean[2])
-            front_y = mean[1] + car.to_front_m * math.sin(mean[2])
+            front_x = mean[0] + to_front * math.cos(mean[2])
+            front_y = mean[1] + to_front * math.sin(mean[2])
             s_front, beside, heading, _ = follow(course, s_front, front_x, front_y)
             turn = heading - mean[2]
             turn -= 2.0 * math.pi * round(turn / (2.0 * math.pi))
-            steering = stanley(turn, beside, state[SPEED], car.gains)
-            sharpest = math.atan2(
-                (car.to_front_m + car.to_rear_m) * car.lateral_limit_mps2, state[SPEED] ** 2
-            )
+            steering = stanley(turn, beside, state[SPEED], gains)
+            sharpest = math.atan2((to_front + to_rear) * car.lateral_limit_mps2, state[SPEED] ** 2)
             steering = min(max(steering, -sharpest), sharpest)
             acceleration, integral, speed_error = pedal(
                 state[SPEED],
                 speed_wanted(course, s_mean),
                 integral,
                 speed_error,
-                timing.filter_every * TICK_S,
-                car.gains,
+                every * TICK_S,
+                gains,
             )
-        rolled, turned = move(car.plant, state, car.parameters, steering, acceleration, TICK_S)
-        _roll(car, rolled, turned, noisy, rng_wheels, odometry)
+        rolled, turned = move(plant, state, parameters, steering, acceleration, TICK_S)
+        _roll(rolled, turned, to_rear, slip, noise, noisy, rng_wheels, odometry)
         tick += 1
 
     summary[STEPS] = steps
@@ -316,9 +318,11 @@ def _start(
 
 @njit(cache=True)
 def _roll(
-    car: Car,
     rolled: float,
     turned: float,
+    to_rear: float,
+    slip: float,
+    noise: FloatArray,
     noisy: bool,
     rng: np.random.Generator,
     odometry: FloatArray,
@@ -328,18 +332,23 @@ def _roll(
     The noise of a tick has exactly the covariance of `OdometryNoise.covariance(rolled)`, so the
     composition of any number of ticks has that of their whole distance.
     """
-    forward, left = wheel_motion(rolled, turned, car.to_rear_m)
-    left -= car.slip_per_mps2 * (rolled * turned / (TICK_S * TICK_S)) * rolled
+    forward, left = wheel_motion(rolled, turned, to_rear)
+    left -= slip * (rolled * turned / (TICK_S * TICK_S)) * rolled
     if noisy and rolled > 0.0:
         root = math.sqrt(rolled)
-        swing = car.noise[0] * root * rng.standard_normal()
-        forward += car.noise[1] * root * rng.standard_normal()
-        across = math.sqrt(car.noise[2] ** 2 + (car.noise[0] * rolled) ** 2 / 12.0) * root
+        swing = noise[0] * root * rng.standard_normal()
+        forward += noise[1] * root * rng.standard_normal()
+        bow = noise[0] * rolled
+        across = math.sqrt(noise[2] * noise[2] + bow * bow / 12.0) * root
         left += across * rng.standard_normal() + 0.5 * rolled * swing
         turned += swing
-    c, s = math.cos(odometry[2]), math.sin(odometry[2])
-    odometry[0] += c * forward - s * left
-    odometry[1] += s * forward + c * left
+    if odometry[2] == 0.0:  # the first tick after a filter step
+        odometry[0] += forward
+        odometry[1] += left
+    else:
+        c, s = small_turn(odometry[2])
+        odometry[0] += c * forward - s * left
+        odometry[1] += s * forward + c * left
     odometry[2] += turned
     odometry[3] += rolled
 

@@ -46,6 +46,7 @@ from models.errors import (
 from models.following import Course
 from models.geometry import FloatArray
 from models.installation import N_OFFSETS, displace_camera, offset_jacobian
+from models.sampling import perturbed_pixel
 
 SEEN_CAMERA, SEEN_X, SEEN_Y = 0, 1, 2
 _SLACK = 2.5  # in report limits: a report nearer than the car by more is six sigma off
@@ -166,8 +167,9 @@ def observe(
         if sensors.missed > 0.0 and rng.random() < sensors.missed:
             continue
         if noisy:
-            u = math.floor(u + sigma * rng.standard_normal()) + 0.5
-            v = math.floor(v + sigma * rng.standard_normal()) + 0.5
+            u, v = perturbed_pixel(
+                u, v, sigma * rng.standard_normal(), sigma * rng.standard_normal()
+            )
         count = _report(sensors, i, u, v, seen, count)
     return count
 

@@ -22,6 +22,7 @@ from models.plants import (
     plant_from_name,
     plant_parameters,
     single_track_rates,
+    small_turn,
     wheel_motion,
 )
 from models.vehicle import Vehicle
@@ -61,6 +62,12 @@ def test_odometry_of_the_bicycle_s_wheels_is_its_motion() -> None:
         assert b[X] - a[X] == pytest.approx(c * forward - s * left, abs=1e-12)
         assert b[Y] - a[Y] == pytest.approx(s * forward + c * left, abs=1e-12)
         assert b[HEADING] - a[HEADING] == pytest.approx(turned, abs=1e-15)
+
+
+def test_small_turns_are_cosine_and_sine() -> None:
+    for angle in np.linspace(-0.3, 0.3, 301):
+        expected = (math.cos(angle), math.sin(angle))
+        assert small_turn(angle) == pytest.approx(expected, rel=3e-14, abs=1e-17)
 
 
 @pytest.mark.parametrize("plant", list(Plant))

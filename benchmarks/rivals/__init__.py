@@ -1,0 +1,1 @@
+"""What others would write or already wrote, to be measured beside ours."""
