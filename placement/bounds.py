@@ -15,7 +15,7 @@ import numpy as np
 from models.geometry import FloatArray
 from placement.constraints import Constraints
 from placement.cuts import CutMaker, Cuts
-from placement.linear import best_sum
+from placement.linear import best_sum, most_sum
 from placement.matroid import Choice, best_choice, root_choice
 from placement.objectives.base import Relaxable
 from placement.objectives.localisation import Localisation
@@ -32,17 +32,25 @@ def tangent_bound(objective: Relaxable, constraints: Constraints, x: FloatArray)
 
     Valid for any x ≥ 0 whatever, tight where x is optimal (Boyd & Vandenberghe 2004, 3.1.3).
     """
-    if isinstance(objective, Localisation):  # knows the rounding error of each of its slopes
+    if isinstance(objective, Localisation) and not constraints.limits_money:
+        # It knows the rounding error of each of its slopes.
         tangents = CutMaker(objective).tangent(x)
         samples = objective.information.n_samples
         return cut_bound(tangents, np.ones(len(tangents)), root_choice(constraints), samples)[0]
     score, slope = objective.relaxed(x)
+    if constraints.limits_money:
+        most = most_sum(constraints, slope)
+        return sum_up(np.concatenate([[score], -slope * x, [most]]), (2 + len(x)) * GAIN_ERROR)
     chosen, _ = best_sum(constraints, slope)
     return sum_up(np.concatenate([[score], -slope * x, slope[chosen]]), GAIN_ERROR)
 
 
 def cut_bound(
-    cuts: Cuts, multiplier: FloatArray, choice: Choice, n_samples: int
+    cuts: Cuts,
+    multiplier: FloatArray,
+    choice: Choice,
+    n_samples: int,
+    price: FloatArray | None = None,
 ) -> tuple[float, FloatArray]:
     """Bound every placement of `choice` by a mixture of cuts.
 
@@ -54,6 +62,9 @@ def cut_bound(
     valid bound; a linear program's dual values give the best. Samples without cuts count as 0:
     only samples that no candidate sees may lack one.
 
+    `price` (r,) ≥ 0 prices the side rows A x ≤ b of `choice`, which every placement keeps: then
+    worth − Aᵀ price takes the place of worth, and price·b is added. No price ignores them.
+
     Return the bound, and how much lower it is for placements that hold each candidate (c,): a
     candidate whose loss exceeds bound − incumbent can be left out (reduced-cost fixing).
     """
@@ -64,9 +75,17 @@ def cut_bound(
     # A sum of n non-negative products: relative error at most n ulp.
     entries = np.bincount(cuts.candidate, minlength=n).astype(np.float64)
     worth = worth * (1.0 + _EPS * (2.0 + entries))
-    chosen, loss = best_choice(choice, worth)
     constant = sum_up(share * cuts.constant, 4 * _EPS)
-    return sum_up(np.append(worth[chosen], constant), _EPS), loss
+    if price is None or not len(choice.side_limits) or not np.any(price > 0.0):
+        chosen, loss = best_choice(choice, worth)
+        return sum_up(np.append(worth[chosen], constant), _EPS), loss
+    fair = np.maximum(np.where(np.isfinite(price), price, 0.0), 0.0)
+    charge = choice.side_matrix.T @ fair
+    chosen, loss = best_choice(choice, worth - charge)
+    paid = fair * choice.side_limits
+    terms = np.concatenate([worth[chosen], -charge[chosen], [constant, math.fsum(paid)]])
+    # Sums of non-negative products again, of as many terms as there are rows.
+    return sum_up(terms, _EPS * (4 + len(paid))), loss
 
 
 def normalised(sample: np.ndarray, multiplier: FloatArray, n_samples: int) -> FloatArray:

@@ -2,7 +2,8 @@
 
     maximise Σ_t z_t   over x ∈ [0, 1]ᶜ, z ≥ 0
     with z_t − Σ_j coefficient_j x_j ≤ constant for every cut of sample t, Σ_j x_j ≤ budget,
-    and Σ_{j ∈ g} x_j ≤ 1 (= 1 where the node must use it) for every group g.
+    and Σ_{j ∈ g} x_j ≤ 1 (= 1 where the node must use it) for every group g,
+    and the side rows of money and separation.
 
 Nothing HiGHS reports is believed: its x says where to cut and branch, its row duals become the
 multipliers of `placement.bounds.cut_bound`.
@@ -10,7 +11,7 @@ multipliers of `placement.bounds.cut_bound`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import highspy as _highspy
@@ -26,11 +27,15 @@ highspy: Any = _highspy  # its stubs lack most of what it has
 
 @dataclass(frozen=True, slots=True)
 class Fraction:
-    """What the linear program says: choices x (c,), levels z (t,), a multiplier of each cut."""
+    """What the linear program says: choices x (c,), levels z (t,), a multiplier of each cut.
+
+    `price` (r,) are the multipliers of the choice's side rows.
+    """
 
     x: FloatArray
     z: FloatArray
     multiplier: FloatArray
+    price: FloatArray = field(default_factory=lambda: np.empty(0))
 
 
 class CutProgram:
@@ -52,7 +57,9 @@ class CutProgram:
         self._add_columns(self.columns.size, 1.0, 0.0)
         self._add_columns(samples.size, highspy.kHighsInf, 1.0)
         self._add_matroid_rows(choice.budget, members)
-        self._fixed_rows = 1 + self._groups.size
+        self._side_rows = len(choice.side_limits)
+        self._add_side_rows(choice)
+        self._fixed_rows = 1 + self._groups.size + self._side_rows
         self._add_cut_rows(cuts)
 
     def add(self, cuts: Cuts) -> None:
@@ -89,8 +96,9 @@ class CutProgram:
         x[self.columns] = np.clip(values[:n], 0.0, 1.0)
         z = np.zeros(self._n_samples)
         z[self._samples] = values[n:]
-        dual = np.abs(np.array(solution.row_dual)[self._fixed_rows :])
-        return Fraction(x, z, dual)
+        dual = np.abs(np.array(solution.row_dual))
+        price = dual[self._fixed_rows - self._side_rows : self._fixed_rows]
+        return Fraction(x, z, dual[self._fixed_rows :], price)
 
     def _add_columns(self, count: int, upper: float, cost: float) -> None:
         empty = np.empty(0, dtype=np.int32)
@@ -116,6 +124,12 @@ class CutProgram:
             np.concatenate([everyone, order]),
             np.ones(2 * n),
         )
+
+    def _add_side_rows(self, choice: Choice) -> None:
+        """Add the rows A x ≤ b that are no part of the matroid: money, separation."""
+        if self._side_rows:
+            matrix = choice.side_matrix[:, self.columns].tocsr()
+            self._add_rows(choice.side_limits, matrix.indptr, matrix.indices, matrix.data)
 
     def _add_cut_rows(self, cuts: Cuts) -> None:
         """Add z_t − Σ coefficient x ≤ constant; candidates without a column are 0."""

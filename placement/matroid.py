@@ -6,9 +6,11 @@ shrink it (to nothing: leave it out; to one pose: choose it, once it must be use
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
+from scipy import sparse
 
 from models.geometry import BoolArray, FloatArray, IntArray
 from placement.constraints import Constraints
@@ -20,19 +22,35 @@ class Choice:
 
     group (c,) numbers every candidate's group 0…g − 1, `allowed` (c,) marks the candidates that
     are left, `used` (g,) the groups of which a placement must hold one, `budget` the most in all.
+    `side_matrix` (r, c) and `side_limits` (r,) are what else every placement keeps, A x ≤ b:
+    `best_choice` ignores it, linear programs and `cut_bound` need not.
     """
 
     group: IntArray
     allowed: BoolArray
     used: BoolArray
     budget: int
+    side_matrix: Any = field(default_factory=lambda: sparse.csr_array((0, 0)))
+    side_limits: FloatArray = field(default_factory=lambda: np.empty(0))
 
     @property
     def feasible(self) -> bool:
         """Whether any placement is left."""
         left = np.zeros(len(self.used), dtype=np.bool_)
         left[self.group[self.allowed]] = True
-        return bool(self.used.sum() <= self.budget and np.all(left[self.used]))
+        if not (self.used.sum() <= self.budget and np.all(left[self.used])):
+            return False
+        return not len(self.side_limits) or self._sides_can_hold()
+
+    def _sides_can_hold(self) -> bool:
+        """Whether the side rows admit the cheapest member of every group that must be used."""
+        columns = np.flatnonzero(self.allowed & self.used[self.group])
+        if not columns.size:
+            return bool(np.all(self.side_limits >= 0.0))
+        columns = columns[np.argsort(self.group[columns], kind="stable")]
+        starts = np.flatnonzero(np.diff(self.group[columns], prepend=-1))
+        least = np.minimum.reduceat(self.side_matrix[:, columns].toarray(), starts, axis=1)
+        return bool(np.all(least.sum(axis=1) <= self.side_limits * (1.0 + 1e-9) + 1e-12))
 
 
 def root_choice(constraints: Constraints) -> Choice:
@@ -44,7 +62,8 @@ def root_choice(constraints: Constraints) -> Choice:
     group = group.astype(np.int64)
     used = np.zeros(int(group.max(initial=-1)) + 1, dtype=np.bool_)
     used[group[constraints.required]] = True
-    return Choice(group, constraints.usable(), used, constraints.budget)
+    matrix, limits = constraints.side_rows()
+    return Choice(group, constraints.usable(), used, constraints.budget, matrix, limits)
 
 
 def best_choice(choice: Choice, worth: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -83,16 +102,19 @@ def without(choice: Choice, candidates: IntArray | BoolArray) -> Choice:
     """Return `choice` with some candidates no longer allowed."""
     allowed = choice.allowed.copy()
     allowed[candidates] = False
-    return Choice(choice.group, allowed, choice.used, choice.budget)
+    return replace(choice, allowed=allowed)
 
 
 def using(choice: Choice, group: int) -> Choice:
     """Return `choice` with one more group that must be used."""
     used = choice.used.copy()
     used[group] = True
-    return Choice(choice.group, choice.allowed, used, choice.budget)
+    return replace(choice, used=used)
 
 
 def restricted_choice(choice: Choice, keep: IntArray) -> Choice:
     """Return `choice` over the candidates `keep` alone; groups keep their numbers."""
-    return Choice(choice.group[keep], choice.allowed[keep], choice.used, choice.budget)
+    sides = choice.side_matrix[:, keep] if len(choice.side_limits) else choice.side_matrix
+    return replace(
+        choice, group=choice.group[keep], allowed=choice.allowed[keep], side_matrix=sides
+    )

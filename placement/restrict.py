@@ -78,10 +78,12 @@ def restricted_constraints(constraints: Constraints, keep: IntArray) -> Constrai
     position = np.full(constraints.n, -1, dtype=np.int64)
     position[keep] = np.arange(keep.size)
     forbidden = position[constraints.forbidden]
-    return Constraints(
-        int(keep.size),
-        constraints.budget,
-        constraints.group[keep],
-        position[constraints.required],
-        forbidden[forbidden >= 0],
+    return replace(
+        constraints,
+        n=int(keep.size),
+        group=constraints.group[keep],
+        required=position[constraints.required],
+        forbidden=forbidden[forbidden >= 0],
+        cost=None if constraints.cost is None else constraints.cost[keep],
+        place_m=None if constraints.place_m is None else constraints.place_m[keep],
     )

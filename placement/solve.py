@@ -31,11 +31,16 @@ CONTRADICTION = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Method:
-    """Say where a method lives (`module:function`), what it does, and whether it proves a bound."""
+    """Say where a method lives (`module:function`), what it does, and whether it proves a bound.
+
+    Every method keeps the budget, groups, required and forbidden candidates; `keeps` names the
+    other constraints that it can keep, and `solve` refuses it where it cannot.
+    """
 
     target: str
     summary: str
     proves_bound: bool
+    keeps: tuple[str, ...] = ()
 
     def load(self) -> Callable[[Problem, Run], Proposal]:
         """Import the method: only now, so that no command pays for what it does not use."""
@@ -46,46 +51,55 @@ class Method:
         return solver
 
 
+_ALL = ("budget.money", "budget.separation_m")
 METHODS: dict[str, Method] = {
     "auto": Method(
         "placement.solvers.auto:solve_auto",
         "picks for you: `chain` where it can prove, else `search`",
         proves_bound=True,
+        keeps=_ALL,
     ),
     "greedy": Method(
         "placement.solvers.greedy:solve_greedy",
         "add the best camera until the budget is spent; bound from diminishing returns",
         proves_bound=True,
+        keeps=_ALL,
     ),
     "exchange": Method(
         "placement.solvers.exchange:solve_exchange",
         "greedy, then swap cameras while that helps; greedy's bound",
         proves_bound=True,
+        keeps=_ALL,
     ),
     "search": Method(
         "placement.solvers.search:solve_search",
         "exchange from two starts, then rearrange stretches of road while that helps",
         proves_bound=True,
+        keeps=_ALL,
     ),
     "relaxation": Method(
         "placement.solvers.relaxation:solve_relaxation",
         "the concave relaxation, rounded; bound from its dual certificate",
         proves_bound=True,
+        keeps=_ALL,
     ),
     "mip": Method(
         "placement.solvers.mip:solve_mip",
         "mixed-integer program with submodular and tangent cuts; optimal given time",
         proves_bound=True,
+        keeps=_ALL,
     ),
     "hill-climb": Method(
         "placement.solvers.hill_climb:solve_hill_climb",
         "from ten random placements, improve one pose at a time (as in 2018)",
         proves_bound=False,
+        keeps=_ALL,
     ),
     "cascade": Method(
         "placement.solvers.cascade:solve_cascade",
         "a cheap score keeps three poses a mount, exchange chooses among them (as in 2018)",
         proves_bound=False,
+        keeps=_ALL,
     ),
     "chain": Method(
         "placement.solvers.chain:solve_chain",
@@ -96,11 +110,13 @@ METHODS: dict[str, Method] = {
         "placement.solvers.uniform:solve_uniform",
         "baseline: equal spacing along the road, the best pose at each place",
         proves_bound=False,
+        keeps=_ALL,
     ),
     "random": Method(
         "placement.solvers.random_choice:solve_random",
         "baseline: one placement drawn at random",
         proves_bound=False,
+        keeps=_ALL,
     ),
 }
 
@@ -124,9 +140,11 @@ def solve(
     `progress` is called with a line of text and the share done, where known.
 
     Raises:
-        ValueError: for an unknown method, a negative or NaN time limit, a negative seed.
+        ValueError: for an unknown method, one that cannot keep the problem's constraints, a
+            negative or NaN time limit, a negative seed.
     """
     solver_of = _method(method)
+    _refuse_unkept(method, problem)
     if math.isnan(time_limit_s) or time_limit_s < 0.0:
         raise ValueError(f"time_limit_s must be at least 0, got {time_limit_s}")
     if seed < 0:
@@ -158,6 +176,17 @@ def _method(name: str) -> Method:
         return METHODS[name]
     except KeyError:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {name!r}") from None
+
+
+def _refuse_unkept(name: str, problem: Problem) -> None:
+    """Refuse, by name, a method that would ignore a constraint."""
+    asked = problem.constraints.beyond_matroid()
+    unkept = [constraint for constraint in asked if constraint not in METHODS[name].keeps]
+    if unkept:
+        able = [other for other, method in METHODS.items() if set(asked) <= set(method.keeps)]
+        raise ValueError(
+            f"method {name} cannot keep {' and '.join(unkept)}; these can: {', '.join(able)}"
+        )
 
 
 def _propose(method: Method, problem: Problem, run: Run) -> Proposal:

@@ -19,6 +19,8 @@ from placement.solution import Proposal
 def solve_auto(problem: Problem, run: Run) -> Proposal:
     """Solve by `chain` where it applies, else by `search`; `stats["chosen"]` says which."""
     chosen = "chain" if isinstance(problem.objective, Localisation) else "search"
+    if chosen == "chain" and problem.constraints.beyond_matroid():
+        chosen = "mip"  # the chain knows neither money nor separation
     module = importlib.import_module(f"placement.solvers.{chosen}")
     proposal: Proposal = getattr(module, f"solve_{chosen}")(problem, run)
     return replace(proposal, stats={**proposal.stats, "chosen": chosen})

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from placement.guarantees import greedy_guarantee
 from placement.objectives.base import State
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
@@ -31,7 +32,11 @@ def solve_exchange(problem: Problem, run: Run) -> Proposal:
         state.selected,
         run.score_bound,
         Status.FEASIBLE if finished and settled else Status.TIME_LIMIT,
-        {"greedy_value": greedy_value, "swaps": swaps},
+        {
+            "greedy_value": greedy_value,
+            "swaps": swaps,
+            **greedy_guarantee(problem, finished),
+        },
     )
 
 

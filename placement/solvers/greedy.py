@@ -3,7 +3,8 @@
 For a monotone submodular score under a budget this is within 1 − 1/e of the best placement, and
 within 1/2 under one-per-mount (Nemhauser, Wolsey & Fisher 1978). Far better on real roads, and
 each step also proves its own bound. Neither holds where the objective is not submodular (`trace`):
-there the steps are the same and nothing is proven.
+there the steps are the same and nothing is proven. Under a money budget it is run twice, by gain
+and by gain a unit of money; the better of the two is within (1 − 1/e)/2 (`placement.guarantees`).
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from models.geometry import FloatArray, IntArray
-from placement.linear import best_sum
+from placement.guarantees import greedy_guarantee
+from placement.linear import best_sum, most_sum
 from placement.objectives.base import State
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
@@ -29,21 +31,41 @@ def solve_greedy(problem: Problem, run: Run) -> Proposal:
         state.selected,
         run.score_bound,
         Status.FEASIBLE if finished else Status.TIME_LIMIT,
-        {"gains_computed": upper.evaluations},
+        {"gains_computed": upper.evaluations, **greedy_guarantee(problem, finished)},
     )
 
 
 def climb(problem: Problem, run: Run) -> tuple[State, UpperGains, bool]:
     """Run greedy; return its state, what it knows about gains, and whether it had the time.
 
-    Leaves the placement in `run.incumbent` and the best bound in `run.score_bound`.
+    Leaves the placement in `run.incumbent` and the best bound in `run.score_bound`. Where money
+    is limited the better of greedy by gain and greedy by gain a unit of money is returned.
     """
+    first = _climb(problem, run, None)
+    cost = problem.constraints.cost
+    if cost is None or not problem.constraints.limits_money or not first[2]:
+        return first
+    # A run of its own: its placements are not the best so far until they are.
+    aside = Run(run.rng, run.deadline, run.progress, score_bound=run.score_bound)
+    free = 1e-12 * problem.constraints.purse or 1.0  # what costs nothing is taken first
+    second = _climb(problem, aside, 1.0 / np.maximum(cost, free))
+    run.score_bound = aside.score_bound
+    if second[0].score <= first[0].score:
+        return first[0], first[1], second[2]
+    run.incumbent = second[0].selected
+    return second
+
+
+def _climb(
+    problem: Problem, run: Run, per_gain: FloatArray | None
+) -> tuple[State, UpperGains, bool]:
+    """Run greedy by gain, or by gain times `per_gain` (c,)."""
     constraints = problem.constraints
     state = problem.objective.state()
     for candidate in np.unique(constraints.required):
         state.add(int(candidate))
     run.incumbent = state.selected
-    upper = UpperGains(state, lazy=problem.objective.submodular)
+    upper = UpperGains(state, lazy=problem.objective.submodular, per_gain=per_gain)
     while not run.out_of_time():
         if problem.objective.submodular:
             tighten_bound(problem, run, upper)
@@ -89,9 +111,10 @@ class UpperGains:
     are upper bounds; call it only once the state has grown, never when it has shrunk.
     """
 
-    def __init__(self, state: State, *, lazy: bool) -> None:
-        """Start from all gains of `state`."""
+    def __init__(self, state: State, *, lazy: bool, per_gain: FloatArray | None = None) -> None:
+        """Start from all gains of `state`; `argmax` compares gains times `per_gain` (c,)."""
         self.state = state
+        self.per_gain = per_gain
         self.lazy = lazy
         self.gains: FloatArray = state.gains().copy()
         self._fresh = np.ones(len(self.gains), dtype=np.bool_)
@@ -117,6 +140,8 @@ class UpperGains:
             self.refresh(candidates)
         while candidates.size:
             gains = self.gains[candidates]
+            if self.per_gain is not None:
+                gains = gains * self.per_gain[candidates]
             fresh = self._fresh[candidates]
             best = float(np.max(gains[fresh], initial=0.0))
             rivals = np.flatnonzero(~fresh & (gains >= best * (1.0 - TIE)) & (gains > 0.0))
@@ -131,7 +156,10 @@ class UpperGains:
         return None
 
     def best_sum(self, problem: Problem) -> float:
-        """Return the greatest Σ_{j ∈ T} gain_j over placements T, exactly."""
+        """Return the greatest Σ_{j ∈ T} gain_j over placements T; above it where money is short."""
+        if problem.constraints.limits_money:
+            self.refresh(np.flatnonzero(problem.constraints.usable()))
+            return most_sum(problem.constraints, self.gains)
         while True:
             selected, total = best_sum(problem.constraints, self.gains)
             if self._fresh[selected].all():

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -140,7 +140,11 @@ class Search:
                 break
             before = bound
             node_bound, loss = cut_bound(
-                program.cuts, fraction.multiplier, choice, self._objective.information.n_samples
+                program.cuts,
+                fraction.multiplier,
+                choice,
+                self._objective.information.n_samples,
+                fraction.price,
             )
             bound = min(bound, node_bound)
             if root:
@@ -278,7 +282,7 @@ class Search:
         self._objective = restricted_objective(self._objective, keep)
         self._maker = CutMaker(self._objective)
         cuts = self._program.cuts.renumbered(position)
-        everything = Choice(choice.group[keep], allowed[keep], choice.used, choice.budget)
+        everything = restricted_choice(replace(choice, allowed=allowed), keep)
         self._program = CutProgram(everything, cuts, self._objective.information.n_samples)
         return restricted_choice(choice, keep)
 

@@ -41,13 +41,11 @@ def draw_placement(problem: Problem, rng: np.random.Generator) -> list[int]:
     """
     constraints = problem.constraints
     selected = [int(i) for i in np.unique(constraints.required)]
-    taken = {int(g) for g in constraints.group[selected] if g >= 0}
-    free = np.flatnonzero(constraints.addable(np.array(selected, dtype=np.int64)))
-    for candidate in rng.permutation(free):
-        if len(selected) >= constraints.budget:
-            break
-        group = int(constraints.group[candidate])
-        if group < 0 or group not in taken:
-            taken.add(group)
+    free = constraints.addable(np.array(selected, dtype=np.int64))
+    for candidate in rng.permutation(np.flatnonzero(free)):
+        if free[candidate]:
             selected.append(int(candidate))
+            free = constraints.addable(np.array(selected, dtype=np.int64))
+            if not free.any():
+                break
     return selected

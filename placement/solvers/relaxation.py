@@ -61,6 +61,8 @@ def solve_relaxation(problem: Problem, run: Run) -> Proposal:
         if run.out_of_time():
             break
         selected = _heaviest(x, constraints) if draw == 0 else _sampled(x, constraints, run.rng)
+        if constraints.beyond_matroid():  # what was rounded may break them: keep what fits
+            selected = constraints.trimmed(_ranked(selected, x))
         score = objective.state(selected).score
         if score > best_score:
             best, best_score = [int(i) for i in selected], score
@@ -174,6 +176,9 @@ def _matroid_constraints(constraints: Constraints, x: Any) -> list[Any]:
             (np.ones(grouped.size), (row, grouped)), shape=(int(row.max()) + 1, constraints.n)
         )
         found.append(matrix @ x <= 1.0)
+    sides, limits = constraints.side_rows()
+    if len(limits):
+        found.append(sparse.csr_matrix(sides) @ x <= limits)
     return found
 
 
@@ -185,6 +190,14 @@ def _cvxpy() -> Any:
 def _heaviest(x: FloatArray, constraints: Constraints) -> IntArray:
     """Return the placement of greatest Σ x."""
     return best_sum(constraints, x)[0]
+
+
+def _ranked(selected: IntArray, x: FloatArray) -> IntArray:
+    """Return `selected`, then the others of which x takes a share, each the largest x first."""
+    others = np.setdiff1d(np.flatnonzero(x > WALL), selected)
+    return np.concatenate(
+        [part[np.argsort(-x[part], kind="stable")] for part in (selected, others)]
+    )
 
 
 def _sampled(x: FloatArray, constraints: Constraints, rng: np.random.Generator) -> IntArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from models.geometry import FloatArray
 from placement.linear import best_sum
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
@@ -15,7 +16,8 @@ def solve_uniform(problem: Problem, run: Run) -> Proposal:
 
     Each takes the free mount nearest along the path to its place (either side, the earlier on a
     tie) and there the pose with the greatest gain over the empty placement. Required cameras
-    stand in for the places nearest to them. Nothing is proven, nothing is optimised jointly.
+    stand in for the places nearest to them. Where money or separation leave no room for all, it
+    starts again with one camera fewer. Nothing is proven, nothing is optimised jointly.
 
     Raises:
         ValueError: where the candidates have no place along a road.
@@ -24,15 +26,28 @@ def solve_uniform(problem: Problem, run: Run) -> Proposal:
         raise ValueError(
             "method 'uniform' needs candidates along a road, and this problem has none"
         )
-    s = problem.arc_length_m
     constraints = problem.constraints
     alone = problem.objective.state().gains()
     fitting, _ = best_sum(constraints, np.ones(constraints.n))  # a budget may exceed the mounts
-    places = (np.arange(fitting.size) + 0.5) / max(fitting.size, 1) * problem.path_length_m
+    required = [int(i) for i in np.unique(constraints.required)]
+    run.incumbent = list(required)
+    selected = required
+    for k in range(fitting.size, len(required) - 1, -1):
+        selected = _spread(problem, run, alone, k)
+        if run.out_of_time() or len(selected) == k or not constraints.beyond_matroid():
+            break
+    run.incumbent = list(selected)
+    return Proposal(selected, None, Status.TIME_LIMIT if run.out_of_time() else Status.FEASIBLE)
+
+
+def _spread(problem: Problem, run: Run, alone: FloatArray, k: int) -> list[int]:
+    """Place k cameras at equal spacing, or fewer where the rest find no mount or no time."""
+    constraints = problem.constraints
+    s = np.asarray(problem.arc_length_m)
     selected = [int(i) for i in np.unique(constraints.required)]
+    places = (np.arange(k) + 0.5) / max(k, 1) * float(problem.path_length_m or 0.0)
     for candidate in selected:
         places = np.delete(places, np.argmin(np.abs(places - s[candidate])))
-    run.incumbent = list(selected)
     for place in places:
         free = np.flatnonzero(constraints.addable(np.array(selected, dtype=np.int64)))
         if run.out_of_time() or not free.size:
@@ -41,5 +56,4 @@ def solve_uniform(problem: Problem, run: Run) -> Proposal:
         at_mount = free[s[free] == s[free][np.argmin(distance)]]
         best = np.max(alone[at_mount])
         selected.append(int(at_mount[np.argmax(alone[at_mount] >= best - TIE * abs(best))]))
-        run.incumbent = list(selected)
-    return Proposal(selected, None, Status.TIME_LIMIT if run.out_of_time() else Status.FEASIBLE)
+    return selected
