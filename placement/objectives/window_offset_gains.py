@@ -174,36 +174,41 @@ def offset_adjoint(steps, p0, views, plan, matrices, seed, w_tt, w_nn, future): 
 
 @njit(cache=True)
 def undo_update(g, n, at, views, e, share, v):  # type: ignore[no-untyped-def]
-    """Replace `g` by Lᵀ g L, L = I − v H, the derivative of the update with entry e."""
+    """Replace `g` by Lᵀ g L, L = I − v H, the derivative of the update with entry e.
+
+    One factor at a time: a strong camera makes the result smaller than `g` by the square of its
+    strength, and all terms in one sum would leave nothing but rounding.
+    """
     p = views.offsets.shape[2]
     unit = 1.0 / math.sqrt(share)
     y = np.zeros((2, n))
     for i in range(n):
-        for r in range(2):
-            for j in range(n):
-                y[r, i] += g[i, j] * v[r, j]
-    s = np.zeros((2, 2))
+        row = g[i]
+        for j in range(n):
+            y[0, i] += row[j] * v[0, j]
+            y[1, i] += row[j] * v[1, j]
     for i in range(n):
-        for a in range(2):
-            for b in range(2):
-                s[a, b] += v[a, i] * y[b, i]
-    for k in range(2 + p):
-        col = k if k < 2 else at + k - 2
-        if k < 2:
-            h0, h1 = 1.0 - k, 1.0 * k
-        else:
-            h0, h1 = unit * views.offsets[e, 0, k - 2], unit * views.offsets[e, 1, k - 2]
-        for i in range(n):
-            change = h0 * y[0, i] + h1 * y[1, i]
-            g[i, col] -= change
-            g[col, i] -= change
-        for q in range(2 + p):
-            row = q if q < 2 else at + q - 2
-            if q < 2:
-                f0, f1 = 1.0 - q, 1.0 * q
-            else:
-                f0, f1 = unit * views.offsets[e, 0, q - 2], unit * views.offsets[e, 1, q - 2]
-            g[row, col] += f0 * (s[0, 0] * h0 + s[0, 1] * h1) + f1 * (s[1, 0] * h0 + s[1, 1] * h1)
+        g[i, 0] -= y[0, i]
+        g[i, 1] -= y[1, i]
+        for q in range(p):
+            b0, b1 = unit * views.offsets[e, 0, q], unit * views.offsets[e, 1, q]
+            g[i, at + q] -= b0 * y[0, i] + b1 * y[1, i]
+    y[:] = 0.0
+    for i in range(n):
+        row, v0, v1 = g[i], v[0, i], v[1, i]
+        for j in range(n):
+            y[0, j] += v0 * row[j]
+            y[1, j] += v1 * row[j]
+    for j in range(n):
+        g[0, j] -= y[0, j]
+        g[1, j] -= y[1, j]
+    for q in range(p):
+        b0, b1 = unit * views.offsets[e, 0, q], unit * views.offsets[e, 1, q]
+        for j in range(n):
+            g[at + q, j] -= b0 * y[0, j] + b1 * y[1, j]
+    for i in range(n):
+        for j in range(i):
+            g[i, j] = g[j, i] = 0.5 * (g[i, j] + g[j, i])
 
 
 @njit(cache=True)
@@ -227,16 +232,16 @@ def offset_entropy_gains(  # type: ignore[no-untyped-def]
         insert_candidate(m, n, p)
         log_sum, product = log_before[t], 1.0
         while True:
-            n, n_active, logs = pass_sample(
+            n, n_active, det = pass_sample(
                 t, m, n, base, active, n_active, steps, views, plan, u, v
             )
-            log_sum += logs
             if views.indices[e] == t:
-                product *= update_state(m, n, 3, views, e, 1.0, u, v)
-                if product > RESCALE:
-                    log_sum += math.log(product)
-                    product = 1.0
+                det *= update_state(m, n, 3, views, e, 1.0, u, v)
                 e += 1
+            product *= det
+            if product > RESCALE:
+                log_sum += math.log(product)
+                product = 1.0
             n, n_active = drop_unseen(t, m, n, base, active, n_active, p, plan)
             if e == stop:
                 break

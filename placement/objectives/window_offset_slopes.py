@@ -113,18 +113,20 @@ def own_innovation(views, e, own, gain):  # type: ignore[no-untyped-def]
 def foresee(m, n, views, e, u):  # type: ignore[no-untyped-def]
     """Fill u (2, n) with Cov(ν, state), ν = e_s − B b; return Var ν (tt, tn, nn)."""
     p = views.offsets.shape[2]
-    for r in range(2):
-        for i in range(n):
-            u[r, i] = m[r, i]
-        for q in range(p):
-            b = np.float64(views.offsets[e, r, q])
-            for i in range(n):
-                u[r, i] -= b * m[3 + q, i]
-    v00, v01, v11 = u[0, 0], u[0, 1], u[1, 1]
+    u0, u1 = u[0], u[1]
+    for i in range(n):
+        u0[i], u1[i] = m[0, i], m[1, i]
     for q in range(p):
-        v00 -= views.offsets[e, 0, q] * u[0, 3 + q]
-        v01 -= views.offsets[e, 1, q] * u[0, 3 + q]
-        v11 -= views.offsets[e, 1, q] * u[1, 3 + q]
+        b0, b1 = np.float64(views.offsets[e, 0, q]), np.float64(views.offsets[e, 1, q])
+        row = m[3 + q]
+        for i in range(n):
+            u0[i] -= b0 * row[i]
+            u1[i] -= b1 * row[i]
+    v00, v01, v11 = u0[0], u0[1], u1[1]
+    for q in range(p):
+        v00 -= views.offsets[e, 0, q] * u0[3 + q]
+        v01 -= views.offsets[e, 1, q] * u0[3 + q]
+        v11 -= views.offsets[e, 1, q] * u1[3 + q]
     return v00, v01, v11
 
 

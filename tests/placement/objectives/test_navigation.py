@@ -149,10 +149,16 @@ def test_turning_the_scene_changes_nothing(kind: str) -> None:
     )
 
 
+@pytest.mark.parametrize("offsets", [0, 4])
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_window_gain_equals_filtering_the_road_again(kind: str) -> None:
+def test_a_window_gain_equals_filtering_the_road_again(kind: str, offsets: int) -> None:
     drive = random_drive(
-        np.random.default_rng(10), n_samples=1500, n_candidates=60, longest_window=40, wrap=True
+        np.random.default_rng(10),
+        n_samples=1500,
+        n_candidates=60,
+        longest_window=40,
+        wrap=True,
+        offsets=offsets,
     )
     objective = build(kind, [drive])
     state = objective.state(SELECTED)
