@@ -56,25 +56,30 @@ def draw_map(axes: Axes, result: Result) -> None:
     axes.legend(loc="best")
     solution = result.solution
     gap = "" if solution.gap is None else f", gap {100 * solution.gap:.2g} %"
+    unit, status = solution.unit.replace("^2", "²"), solution.status.replace("_", " ")
     axes.set_title(
         f"{_plain(scene.instance.name)}: {len(chosen)} cameras by {solution.method}, "
-        f"{solution.objective} {solution.value:.5g} {solution.unit} ({solution.status}{gap})",
+        f"{solution.objective} {solution.value:.5g} {unit} ({status}{gap})",
         fontsize=9,
     )
 
 
 def draw_profile(axes: Axes, result: Result) -> None:
-    """Draw predicted and simulated rms position error along the road, and where cameras stand."""
+    """Draw predicted and simulated rms position error along the road, and where cameras stand.
+
+    The objective's prediction is the best filter's, which learns each camera's offset; the
+    Schmidt filter only allows for it, so it has a prediction of its own.
+    """
     s = result.scene.points.s_m
-    axes.plot(
-        s, result.prediction.position_sigma_m, color=BLUE, label="predicted position error, rms"
-    )
+    axes.plot(s, result.prediction.position_sigma_m, color=BLUE, label="predicted, best filter")
     if result.validation is not None:
         profile = result.validation.profile
         for (name, errors), colour in zip(
             profile.position_rms_m.items(), (ORANGE, VERMILION), strict=False
         ):
             axes.plot(profile.s_m, errors, color=colour, linewidth=0.9, label=f"simulated, {name}")
+        schmidt = profile.predicted_rms_m["schmidt"]
+        axes.plot(profile.s_m, schmidt, color=BLACK, linewidth=0.7, label="predicted, schmidt")
     mounts = result.scene.candidates.mount_s_m[
         result.scene.candidates.mount[np.array(sorted(result.solution.selected), dtype=np.int64)]
     ]
@@ -83,10 +88,10 @@ def draw_profile(axes: Axes, result: Result) -> None:
             at, color=GREY, linewidth=0.5, linestyle=":", label="camera" if not k else None
         )
     axes.set_xlabel("arc length s (m)")
-    axes.set_ylabel("error (m)")
+    axes.set_ylabel("rms position error (m)")
     axes.set_xlim(0.0, result.scene.road.length_m)
     axes.set_ylim(bottom=0.0)
-    axes.legend(loc="upper left", fontsize=8)
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, fontsize=8)
 
 
 def _plain(text: str) -> str:
