@@ -31,10 +31,10 @@ from models.roads import Piece, Road, RoadPoints, road_from_pieces
 from placement.assemble import build_road
 from placement.candidates import Candidates, build_candidates
 from placement.information import compute_information
-from placement.information_kernels import dense_blocks
-from placement.information_reference import dense_chunks
+from placement.information.kernels import dense_blocks
+from placement.information.reference import dense_chunks
+from placement.information.sample_tree import build_tree
 from placement.instance import load_instance
-from placement.sample_tree import build_tree
 
 RANGE_M = 150.0
 DENSE_POSES = 16  # at a time: their dense block stays in the cache, as a solver would use it

@@ -236,7 +236,8 @@ def normalised_error(covariance: FloatArray, e_x: float, e_y: float, e_heading: 
         return -1.0
     r_y = e_y - l_y * e_x
     r_h = e_heading - l_h * e_x - l_hy * r_y
-    return e_x * e_x / p_xx + r_y * r_y / d_y + r_h * r_h / d_h
+    total: float = e_x * e_x / p_xx + r_y * r_y / d_y + r_h * r_h / d_h
+    return total
 
 
 def new_estimate(

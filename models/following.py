@@ -112,4 +112,5 @@ def speed_wanted(course: Course, s: float) -> float:
     place = min(max(place, 0.0), float(rows))
     low = min(int(place), rows - 1)
     share = place - low
-    return (1.0 - share) * course.speed_mps[low] + share * course.speed_mps[low + 1]
+    speed: float = (1.0 - share) * course.speed_mps[low] + share * course.speed_mps[low + 1]
+    return speed

@@ -23,7 +23,7 @@ from scipy import sparse
 from models.geometry import BoolArray, FloatArray, IntArray
 from placement.assemble import build_errors
 from placement.candidates import Candidates
-from placement.information_reference import dense_chunks
+from placement.information.reference import dense_chunks
 from placement.referee.drive import steps
 from placement.referee.values import Scene
 

@@ -17,13 +17,13 @@ from models.geometry import FloatArray, IntArray, Pose
 from models.installation import Installation
 from models.projections import Projection
 from models.roads import Piece, Road, RoadPoints, road_from_pieces
-from placement import information as information_module
 from placement.candidates import build_candidates
 from placement.information import Information, compute_information
-from placement.information_kernels import dense_blocks, reach
-from placement.information_reference import dense_information
+from placement.information import precompute as information_module
+from placement.information.kernels import dense_blocks, reach
+from placement.information.reference import dense_information
+from placement.information.sample_tree import build_tree
 from placement.instance import load_instance
-from placement.sample_tree import build_tree
 
 # Straight, bends both ways, and a hairpin whose legs see the same cameras.
 ROAD = road_from_pieces(

@@ -15,8 +15,8 @@ from models.errors import ErrorModel
 from models.geometry import FloatArray, IntArray
 from models.installation import N_OFFSETS
 from models.roads import RoadPoints
-from placement import information_kernels as kernels
-from placement.sample_tree import SampleTree, build_tree
+from placement.information import kernels
+from placement.information.sample_tree import SampleTree, build_tree
 
 CHUNK = 16_384  # poses whose camera tables exist at one time: 3.4 MB, which the caches hold
 SHARE = 512  # poses a thread takes at one time
@@ -72,7 +72,7 @@ def compute_information(
     A camera sees a sample that lies inside both fields of view, within `max_range_m` on the
     ground, and is found within `errors.report_limit_m` (95 %); all borders belong, to 1e-9
     relative. Poses are walked twice, to count and to write, so nothing else as large as the result
-    exists; the work grows with the visible pairs, by way of `placement.sample_tree`.
+    exists; the work grows with the visible pairs, by way of `placement.information.sample_tree`.
 
     `workers` threads (default: one a core, but no more than there is work for) give bitwise the
     same result.

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from placement.sample_tree import LEAF, build_tree, find_leaves
+from placement.information.sample_tree import LEAF, build_tree, find_leaves
 
 NO_PLANES = np.empty((0, 3))
 

@@ -1,6 +1,6 @@
 """The readable half of the information matrix: the same numbers from NumPy, pair by pair.
 
-Dense, without kernels, trees or shared code: the oracle of `placement.information_kernels`, the
+Dense, without kernels, trees or shared code: the oracle of `placement.information.kernels`, the
 slow path of a referee, and the yardstick that benchmarks divide by.
 """
 

@@ -44,8 +44,8 @@ from models.errors import (
 from models.geometry import FloatArray, IntArray
 from models.installation import N_OFFSETS, offset_jacobian
 from models.projections import lens_angle
-from placement.pair_kernels import inform, is_plain_pinhole, road_block
-from placement.sample_tree import LEAF, find_leaves
+from placement.information.pairs import inform, is_plain_pinhole, road_block
+from placement.information.sample_tree import LEAF, find_leaves
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
