@@ -157,8 +157,8 @@ def _write(
             draw: Callable[[Result], dict[str, Content]] = entry.load()
             files |= draw(result)
     # A new solution makes an older one's simulation and verification stale.
-    stale = ["validation.csv", "validation_summary.json"] if validation is None else []
-    stale += ["verification.json"] if validation is None else []
+    driven = ["validation.csv", "validation_summary.json", "consistency.png", "consistency.svg"]
+    stale = [*driven, "verification.json"] if validation is None else []
     write_files(folder, files, remove=stale)
 
 

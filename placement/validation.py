@@ -242,7 +242,7 @@ class _Tally:
         runs = pd.concat(self.runs, ignore_index=True)
         steps = float(runs["steps"].sum())
         updates = float(runs["updates"].sum())
-        pairs = int(runs["pairs"].sum())
+        pairs, gated = int(runs["pairs"].sum()), float(runs["gated"].sum())
         low, high = bootstrap_band(
             runs["nees"].to_numpy(dtype=np.float64),
             runs["steps"].to_numpy(dtype=np.float64),
@@ -259,7 +259,7 @@ class _Tally:
             "lateral_within_tolerance": float(runs["within"].sum()) / steps,
             "lost_share": 1.0 - float(runs["arrived"].mean()),
             "updates_mean": updates / len(runs),
-            "gated_share": float(runs["gated"].sum()) / max(updates + runs["gated"].sum(), 1.0),
+            "gated_share": gated / max(updates + gated, 1.0),
             "nis_mean": float((runs["nis"] * runs["updates"]).sum()) / max(updates, 1.0),
             "innovation_autocorrelation": float((runs["autocorrelation"] * runs["pairs"]).sum())
             / max(pairs, 1),

@@ -30,6 +30,10 @@ STUDIES: dict[str, Study] = {
         "reports.error_model:run",
         "how accurate one camera is: coverage, components, resolution, installation",
     ),
+    "closed-loop": Study(
+        "reports.closed_loop:run",
+        "how far dead reckoning drifts, and which filter's covariance tells the truth",
+    ),
 }
 
 
