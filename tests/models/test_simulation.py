@@ -213,6 +213,21 @@ def test_the_front_axle_follows_a_bend_so_the_centre_cuts_it() -> None:
     np.testing.assert_allclose(drives.lateral_m[0, -50:], 30.0 - centre, atol=0.01)
 
 
+def test_the_car_steers_by_its_estimate() -> None:
+    road = road_from_pieces([Piece(200.0)])
+    start = Settings(initial_sigma=(1e-6, 0.5, 1e-6))
+    wheels = OdometryNoise(1e-7, 1e-6, 1e-6)
+    drives = simulate(
+        closed_loop(road, NOBODY, ErrorModel(), odometry=wheels, settings=start), runs=10
+    )
+    # where it believes to be on the centre line, it is beside it by what it does not know
+    last = drives.steps - 1
+    rows = np.arange(10)
+    lateral, error = drives.lateral_m[rows, last], drives.error_m[rows, last]
+    np.testing.assert_allclose(np.abs(lateral), error, atol=2e-3)
+    assert error.max() > 0.3
+
+
 def test_the_single_track_car_arrives_and_its_slip_shows() -> None:
     kinematic, dynamic = (
         simulate(closed_loop(ROAD, CAMERAS, ErrorModel(), plant=plant), runs=100)
