@@ -37,10 +37,13 @@ from placement.constraints import Constraints
 from placement.objectives.entropy import Entropy
 from placement.objectives.navigation import WhiteDrive
 from placement.objectives.navigation_chain import Drive
+from placement.problem import Run
 from placement.restrict import restricted_information
 from placement.tempered import paths
 from placement.tempered.gains import add_pair_gains, add_triple_gains
 
+ROWS = 256  # of gains between two looks at the clock
+TRIPLES = 500_000  # the same
 ROUNDING = 1e-11  # relative error allowed for in f at fractional points
 
 
@@ -107,6 +110,7 @@ class Tempered:
     budget: int
     theta: float
     background: FloatArray
+    run: Run
     alone: FloatArray = field(init=False)
     pairs: NDArray[np.float32] = field(init=False)
     F: FloatArray = field(init=False)
@@ -128,18 +132,22 @@ class Tempered:
             whole = WhiteDrive(drive)
             base = whole.total(support, remaining[support])
             small = WhiteDrive(_over(drive, self.line.candidate))
-            add_pair_gains(
-                small.indptr,
-                small.indices,
-                small.blocks,
-                small.frames * self.theta,
-                small.steps,
-                small.p0,
-                base,
-                drive.weight,
-                self.alone,
-                self.pairs,
-            )
+            for begin in range(0, n + 1, ROWS):
+                paths.stop_in_time(self.run)
+                add_pair_gains(
+                    small.indptr,
+                    small.indices,
+                    small.blocks,
+                    small.frames * self.theta,
+                    small.steps,
+                    small.p0,
+                    base,
+                    drive.weight,
+                    begin,
+                    min(begin + ROWS, n + 1),
+                    self.alone,
+                    self.pairs,
+                )
             self.drives.append((drive.weight, small, base))
         if support.size:
             at_y, at_rest = self.objective.relaxed(y)[0], self.objective.relaxed(remaining)[0]
@@ -148,13 +156,12 @@ class Tempered:
         self.alone[~self.line.may_start] = -np.inf
         self.pairs[~self.line.alive] = -np.inf
         k = max(self.budget, 1)
-        self.F = paths.forward(self.pairs, self.alone, k)
-        self.B = paths.backward(self.pairs, self._ends(), k)
+        self.F, self.B = paths.tables(self.pairs, self.alone, self.ends, k, self.run)
 
     def bounds(self) -> FloatArray:
         """Return the bound for every budget 0 … k, (k + 1,); −∞ where there is no placement."""
         none = 0.0 if not self.line.required.any() else -np.inf
-        best = np.max(self.F + self._ends(), axis=1, initial=-np.inf)
+        best = np.max(self.F + self.ends, axis=1, initial=-np.inf)
         return self.as_bound(np.maximum.accumulate(np.concatenate([[none], best])))
 
     def bound(self) -> float:
@@ -172,7 +179,7 @@ class Tempered:
 
     def path(self) -> IntArray:
         """Return the candidates of a best path."""
-        return self.line.candidate[paths.trace_path(self.pairs, self.F, self._ends())]
+        return self.line.candidate[paths.trace_path(self.pairs, self.F, self.ends)]
 
     def survivors(self, beat: float) -> Line:
         """Return the line without the candidates and arcs that no placement above `beat` uses."""
@@ -184,42 +191,59 @@ class Tempered:
         line = self.line.subset(keep)
         return Line(line.candidate, line.group, line.required, alive)
 
-    def _ends(self) -> FloatArray:
+    @property
+    def ends(self) -> FloatArray:
+        """Return 0 for each position (n,) where a path may end, −∞ where not."""
         return np.where(self.line.may_end, 0.0, -np.inf)
 
 
 class SecondOrder:
     """The second order over the arcs of a line that are alive."""
 
-    def __init__(self, first: Tempered) -> None:
-        """Compute the gains given two, and the tables of best paths over arcs; budget ≥ 2."""
+    def __init__(self, first: Tempered, beat: float) -> None:
+        """Compute the gains given two, and the tables of best paths over arcs; budget ≥ 2.
+
+        Pairs of arcs that to first order are part of no placement above `beat` are left out.
+        """
         self.first = first
-        line = first.line
+        line, run = first.line, first.run
         self.arcs = arcs = paths.lay_out(line.alive)
         self.gains = np.zeros(int(arcs.triple[-1]), dtype=np.float32)
+        layout = (arcs.into, arcs.source, arcs.out, arcs.out_of, arcs.target, arcs.triple)
+        least = first.threshold(beat)
+        paths.mark_hopeless(*layout, first.pairs, first.F, first.B, least, self.gains)
         target = arcs.target[arcs.out]
+        work = np.cumsum(np.diff(arcs.into) * np.diff(arcs.out_of))
         for weight, small, base in first.drives:
-            add_triple_gains(
-                small.indptr,
-                small.indices,
-                small.blocks,
-                small.frames * first.theta,
-                small.steps,
-                small.p0,
-                base,
-                weight,
-                arcs.into,
-                arcs.source,
-                arcs.out_of,
-                target,
-                arcs.triple,
-                self.gains,
-            )
-        self.ends = np.where(line.may_end, 0.0, -np.inf)
-        start = first.alone[arcs.source] + first.pairs[arcs.source, arcs.target]
-        layout = (arcs.into, arcs.source, arcs.out, arcs.out_of, arcs.triple, self.gains)
-        self.F = paths.forward_arcs(start, *layout, first.budget)
-        self.B = paths.backward_arcs(self.ends, *layout, first.budget)
+            begin = 0
+            while begin < line.candidate.size:
+                paths.stop_in_time(run)
+                done = work[begin - 1] if begin else 0
+                end = int(np.searchsorted(work, done + TRIPLES, side="right"))
+                end = min(max(end, begin + 1), line.candidate.size)
+                add_triple_gains(
+                    small.indptr,
+                    small.indices,
+                    small.blocks,
+                    small.frames * first.theta,
+                    small.steps,
+                    small.p0,
+                    base,
+                    weight,
+                    arcs.into,
+                    arcs.source,
+                    arcs.out_of,
+                    target,
+                    arcs.triple,
+                    np.arange(begin, end),
+                    self.gains,
+                )
+                begin = end
+        self.ends = first.ends
+        self.start = first.alone[arcs.source] + first.pairs[arcs.source, arcs.target]
+        self.F, self.B = paths.arc_tables(
+            arcs, self.gains, self.start, self.ends, first.budget, run
+        )
 
     def bound(self) -> float:
         """Return an upper bound on the score of every placement of the line."""

@@ -113,10 +113,15 @@ def walk_back(steps, total, lo, hi, later):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def add_pair_gains(indptr, indices, blocks, scale, steps, p0, base, weight, alone, pairs):  # type: ignore[no-untyped-def]
-    """Add `weight` times the gains to `alone` (n,) and, given each a < b, to `pairs` (n, n)."""
+def add_pair_gains(  # type: ignore[no-untyped-def]
+    indptr, indices, blocks, scale, steps, p0, base, weight, begin, end, alone, pairs
+):
+    """Add `weight` times the gains given each a in begin…end − 1, to row a of `pairs` (n, n).
+
+    Only b > a are written. Given a = n, which is nobody, the gains go to `alone` (n,).
+    """
     n, samples = alone.size, steps.shape[0]
-    for a in prange(n + 1):
+    for a in prange(begin, end):
         total = base.copy()
         if a < n:
             one = np.ones(1)
@@ -160,13 +165,14 @@ def add_triple_gains(  # type: ignore[no-untyped-def]
     out_of,
     target,
     triple,
+    nodes,
     out,
 ):
-    """Add `weight` times the gains of k given h → j, for all pairs of arcs h → j → k, to `out`.
+    """Add `weight` times the gains of k given h → j to `out`, for j in `nodes` and all h, k.
 
     Arcs are sorted by target, those into j are `into[j]:into[j + 1]` with their `source`; those out
     of j have their `target` in `out_of[j]:out_of[j + 1]`. The gains given arc a are
-    `out[triple[a]:triple[a + 1]]`, in the order of its target's arcs out.
+    `out[triple[a]:triple[a + 1]]`, in the order of its target's arcs out. Those that are −∞ stay.
     """
     n, samples = into.size - 1, steps.shape[0]
     first, last = np.empty(n, np.int64), np.empty(n, np.int64)
@@ -179,7 +185,8 @@ def add_triple_gains(  # type: ignore[no-untyped-def]
     filter_forward(steps, p0, base, before0, after0, logs0)
     inform_backward(steps, base, later0)
     one = np.ones(1)
-    for j in prange(n):
+    for place in prange(nodes.size):
+        j = nodes[place]
         begin, end = out_of[j], out_of[j + 1]
         if begin == end or into[j] == into[j + 1]:
             continue
@@ -193,6 +200,12 @@ def add_triple_gains(  # type: ignore[no-untyped-def]
         add_rows(indptr, indices, blocks, scale, one, np.arange(j, j + 1), total)
         for a in range(into[j], into[j + 1]):
             h = source[a]
+            wanted = False
+            for m in range(begin, end):
+                if out[triple[a] + m - begin] > -np.inf:
+                    wanted = True
+            if not wanted:
+                continue
             add_rows(indptr, indices, blocks, scale, one, np.arange(h, h + 1), total)
             start = min(low, first[h], first[j])
             back = max(last[h], last[j])
@@ -201,7 +214,7 @@ def add_triple_gains(  # type: ignore[no-untyped-def]
             walk(steps, total, start, max(high, back), before, after, logs, later, through)
             for m in range(begin, end):
                 k = target[m]
-                if indptr[k] == indptr[k + 1]:
+                if indptr[k] == indptr[k + 1] or out[triple[a] + m - begin] == -np.inf:
                     continue
                 gain = gain_over_window(
                     indptr, indices, blocks, scale, k, steps, total, before, logs, later, through

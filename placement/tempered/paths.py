@@ -14,6 +14,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from models.geometry import BoolArray, FloatArray, IntArray
+from placement.problem import Run
 
 _STRIPE = 64  # cameras a thread serves at one time: their gains share cache lines
 
@@ -42,40 +43,49 @@ def lay_out(alive: BoolArray) -> Arcs:
 
 
 @njit(cache=True, parallel=True)
-def forward(pairs, alone, k):  # type: ignore[no-untyped-def]
-    """Return F (k, n)."""
-    n = alone.size
-    found = np.empty((k, n))
-    found[0] = alone
-    for level in range(1, k):
-        for stripe in prange((n + _STRIPE - 1) // _STRIPE):
-            low = stripe * _STRIPE
-            high = min(n, low + _STRIPE)
-            best = np.full(high - low, -np.inf)
-            for a in range(high - 1):
-                value = found[level - 1, a]
-                if value == -np.inf:
-                    continue
-                for b in range(max(low, a + 1), high):
-                    if value + pairs[a, b] > best[b - low]:
-                        best[b - low] = value + pairs[a, b]
-            found[level, low:high] = best
-    return found
+def one_more(pairs, found):  # type: ignore[no-untyped-def]
+    """Return the next row of F (n,) from the one before."""
+    n = found.size
+    longer = np.empty(n)
+    for stripe in prange((n + _STRIPE - 1) // _STRIPE):
+        low = stripe * _STRIPE
+        high = min(n, low + _STRIPE)
+        best = np.full(high - low, -np.inf)
+        for a in range(high - 1):
+            value = found[a]
+            if value == -np.inf:
+                continue
+            for b in range(max(low, a + 1), high):
+                if value + pairs[a, b] > best[b - low]:
+                    best[b - low] = value + pairs[a, b]
+        longer[low:high] = best
+    return longer
 
 
 @njit(cache=True, parallel=True)
-def backward(pairs, may_end, k):  # type: ignore[no-untyped-def]
-    """Return B (k, n); `may_end` (n,) is 0, or −∞ where a path must go on."""
+def one_before(pairs, may_end, found):  # type: ignore[no-untyped-def]
+    """Return the next row of B (n,); `may_end` (n,) is 0, or −∞ where a path must go on."""
     n = may_end.size
-    found = np.empty((k, n))
-    found[0] = may_end
+    longer = np.empty(n)
+    for a in prange(n):
+        best = may_end[a]
+        for b in range(a + 1, n):
+            best = max(best, pairs[a, b] + found[b])
+        longer[a] = best
+    return longer
+
+
+def tables(
+    pairs: NDArray[np.float32], alone: FloatArray, may_end: FloatArray, k: int, run: Run
+) -> tuple[FloatArray, FloatArray]:
+    """Return F and B (k, n) to first order."""
+    F, B = np.empty((k, alone.size)), np.empty((k, alone.size))
+    F[0], B[0] = alone, may_end
     for level in range(1, k):
-        for a in prange(n):
-            best = may_end[a]
-            for b in range(a + 1, n):
-                best = max(best, pairs[a, b] + found[level - 1, b])
-            found[level, a] = best
-    return found
+        stop_in_time(run)
+        F[level] = one_more(pairs, F[level - 1])
+        B[level] = one_before(pairs, may_end, B[level - 1])
+    return F, B
 
 
 @njit(cache=True)
@@ -106,42 +116,83 @@ def arcs_above(pairs, F, B, threshold):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def forward_arcs(start, into, source, out, out_of, triple, gains, k):  # type: ignore[no-untyped-def]
-    """Return F (k − 1, m) over arcs; row 0 is `start` (m,), the paths of two cameras."""
-    m, n = start.size, into.size - 1
-    found = np.full((k - 1, m), -np.inf)
-    found[0] = start
-    for level in range(1, k - 1):
-        for j in prange(n):
-            begin, end = out_of[j], out_of[j + 1]
-            for a in range(into[j], into[j + 1]):
-                value = found[level - 1, a]
-                if value == -np.inf:
-                    continue
-                at = triple[a]
-                for o in range(begin, end):
-                    b = out[o]
-                    if value + gains[at + o - begin] > found[level, b]:
-                        found[level, b] = value + gains[at + o - begin]
-    return found
+def mark_hopeless(into, source, out, out_of, target, triple, pairs, F, B, threshold, gains):  # type: ignore[no-untyped-def]
+    """Set the gains of those pairs of arcs to −∞ whose best first-order path misses `threshold`."""
+    n, k = into.size - 1, F.shape[0]
+    for j in prange(n):
+        for a in range(into[j], into[j + 1]):
+            h = source[a]
+            for m in range(out_of[j], out_of[j + 1]):
+                i = target[out[m]]
+                need = threshold - pairs[h, j] - pairs[j, i]
+                alive = False
+                for level in range(k - 2):
+                    if F[level, h] + B[k - 3 - level, i] >= need:
+                        alive = True
+                        break
+                if not alive:
+                    gains[triple[a] + m - out_of[j]] = -np.inf
 
 
 @njit(cache=True, parallel=True)
-def backward_arcs(may_end, into, source, out, out_of, triple, gains, k):  # type: ignore[no-untyped-def]
-    """Return B (k − 1, m) over arcs; `may_end` (n,) is by camera."""
-    m, n = source.size, into.size - 1
-    found = np.empty((k - 1, m))
-    for level in range(k - 1):
-        for j in prange(n):
-            begin, end = out_of[j], out_of[j + 1]
-            for a in range(into[j], into[j + 1]):
-                best = may_end[j]
-                if level > 0:
-                    at = triple[a]
-                    for o in range(begin, end):
-                        best = max(best, gains[at + o - begin] + found[level - 1, out[o]])
-                found[level, a] = best
-    return found
+def one_more_arc(into, out, out_of, triple, gains, found):  # type: ignore[no-untyped-def]
+    """Return the next row of F (m,) over arcs."""
+    longer = np.full(found.size, -np.inf)
+    for j in prange(into.size - 1):
+        begin = out_of[j]
+        for a in range(into[j], into[j + 1]):
+            value = found[a]
+            if value == -np.inf:
+                continue
+            at = triple[a] - begin
+            for o in range(begin, out_of[j + 1]):
+                if value + gains[at + o] > longer[out[o]]:
+                    longer[out[o]] = value + gains[at + o]
+    return longer
+
+
+@njit(cache=True, parallel=True)
+def one_arc_before(may_end, into, out, out_of, triple, gains, found):  # type: ignore[no-untyped-def]
+    """Return the next row of B (m,) over arcs; `may_end` (n,) is by camera."""
+    longer = np.empty(found.size)
+    for j in prange(into.size - 1):
+        begin = out_of[j]
+        for a in range(into[j], into[j + 1]):
+            best = may_end[j]
+            at = triple[a] - begin
+            for o in range(begin, out_of[j + 1]):
+                best = max(best, gains[at + o] + found[out[o]])
+            longer[a] = best
+    return longer
+
+
+def arc_tables(
+    arcs: Arcs,
+    gains: NDArray[np.float32],
+    start: FloatArray,
+    may_end: FloatArray,
+    k: int,
+    run: Run,
+) -> tuple[FloatArray, FloatArray]:
+    """Return F and B (k − 1, m) to second order; `start` (m,) are the paths of two cameras."""
+    F, B = np.empty((k - 1, start.size)), np.empty((k - 1, start.size))
+    F[0], B[0] = start, may_end[arcs.target]
+    layout = (arcs.into, arcs.out, arcs.out_of, arcs.triple, gains)
+    for level in range(1, k - 1):
+        stop_in_time(run)
+        F[level] = one_more_arc(*layout, F[level - 1])
+        B[level] = one_arc_before(may_end, *layout, B[level - 1])
+    return F, B
+
+
+class OutOfTimeError(Exception):
+    """Time is up in the middle of a table; what is half done is of no use."""
+
+
+def stop_in_time(run: Run) -> None:
+    """Raise OutOfTimeError once the run's time is up."""
+    if run.out_of_time():
+        raise OutOfTimeError
 
 
 def trace_path(pairs: NDArray[np.float32], F: FloatArray, may_end: FloatArray) -> IntArray:

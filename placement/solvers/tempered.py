@@ -1,0 +1,267 @@
+"""Prove placements for `entropy` on a road: relaxation, tempered chain, best-first search.
+
+Swaps give a placement. The concave relaxation gives a first bound and its optimum y, at once. The
+tempered chain (`placement.tempered.bound`) then bounds, with y as its background, what cameras
+between y and themselves can add; candidates and arcs that cannot beat the placement are left out,
+which lets the next share θ, then the second order, bound more sharply; and the best paths, polished
+by swaps, better the placement. What remains is searched best first. Every stage has a valid bound
+while it runs, and `stats["bounds"]` tells what each has proven.
+
+Cameras with persistent offsets: the relaxation alone, so far.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from models.geometry import FloatArray, IntArray
+from placement.concave import best_fraction
+from placement.matroid import root_choice, without
+from placement.objectives.entropy import Entropy
+from placement.problem import Problem, Run
+from placement.solution import Proposal, Status
+from placement.solvers.exchange import polish
+from placement.solvers.greedy import climb
+from placement.tempered.bound import Line, SecondOrder, Tempered, make_line
+from placement.tempered.dominance import dominated
+from placement.tempered.paths import OutOfTimeError
+from placement.tempered.search import search
+
+# Shares tried on a thinned line, to choose that of the first pass over all candidates.
+SHARES = (1.0, 0.95, 0.9, 0.8, 0.7, 0.6, 0.5, 0.35)
+THINNED = 600  # candidates of a thinned line
+FIRST_ORDER_PASSES = 5
+SECOND_ORDER_PASSES = 8
+WORTH_IT = 0.8  # go on while a pass leaves fewer than this share of the arcs
+MOST_PAIRS = 4e8  # bytes of first-order gains; a line longer than 10,000 is not bounded by chains
+MOST_TRIPLES = 250_000_000  # second-order gains held at one time: 1 GB
+DONE = 1e-7  # relative gap that counts as closed: a tenth of what `optimal` asks for
+LEAVE_TIME_S = 0.3
+
+
+def solve_tempered(problem: Problem, run: Run) -> Proposal:
+    """Find a placement by swaps and prove how good it is; stop at a gap of 1e-7 or out of time.
+
+    Raises:
+        ValueError: for an objective other than `entropy`.
+    """
+    if not isinstance(problem.objective, Entropy):
+        raise ValueError(
+            f"method tempered needs the objective entropy, got {problem.objective.name}"
+        )
+    proof = Proof(problem, problem.objective, run)
+    try:
+        finished = proof.work()
+    except OutOfTimeError:
+        finished = False
+    return Proposal(
+        proof.selected,
+        run.score_bound,
+        Status.FEASIBLE if finished else Status.TIME_LIMIT,
+        proof.stats,
+    )
+
+
+@dataclass(slots=True)
+class Proof:
+    """The incumbent, the best bound and what each stage has proven."""
+
+    problem: Problem
+    objective: Entropy
+    run: Run
+    selected: list[int] = field(default_factory=list)
+    score: float = -np.inf
+    stats: dict[str, Any] = field(default_factory=dict)
+    inner: Run = field(init=False)
+    background: FloatArray = field(init=False)
+
+    def work(self) -> bool:
+        """Go through the stages; return whether there is nothing left that time could improve."""
+        run = self.run
+        self.inner = Run(run.rng, deadline=run.deadline - LEAVE_TIME_S)
+        state, _, _ = climb(self.problem, run)
+        polish(self.problem, run, state)
+        self.stats["bounds"] = {}
+        self._offer(np.array(state.selected, dtype=np.int64))
+        self._bounded("greedy", np.inf if run.score_bound is None else run.score_bound)
+        line = self._relax()
+        if self._closed() or self.problem.constraints.budget == 0:
+            return True
+        if line is None:
+            return not run.out_of_time()
+        line = self._first_order(line)
+        if self._closed() or self.problem.constraints.budget < 2:
+            return True
+        return self._second_order(line)
+
+    def _relax(self) -> Line | None:
+        """Bound by the concave relaxation; return who is left, None where chains cannot go."""
+        constraints = self.problem.constraints
+        choice = root_choice(constraints)
+        white = not any(drive.persistent for drive in self.objective.drives)
+        if white:
+            seen_by = [drive.information for drive in self.objective.drives]
+            lost = dominated(seen_by, constraints.group, choice.allowed)
+            lost[constraints.required] = False
+            choice = without(choice, lost)
+        self.run.progress("solving the concave relaxation", None)
+        found = best_fraction(
+            self.objective,
+            choice,
+            self.inner,
+            beat=self.score,
+            start=np.array(self.selected, dtype=np.int64),
+            report=lambda bound: self._bounded("relaxation", bound),
+        )
+        self.background = found.x
+        left = np.flatnonzero(found.choice.allowed)
+        self.stats["candidates_after_relaxation"] = int(left.size)
+        if not white or 4.0 * left.size**2 > MOST_PAIRS:
+            return None
+        return make_line(self.objective, constraints, left)
+
+    def _first_order(self, line: Line) -> Line:
+        """Bound by first-order chains at the shares that bound best, and thin out the line."""
+        share, seconds = self._best_share(line, SHARES)
+        for _ in range(FIRST_ORDER_PASSES):
+            n = line.candidate.size
+            if n < 2 or seconds * n * n > self.inner.remaining():
+                break
+            before = int(line.alive.sum())
+            started = time.monotonic()
+            bound = self._tempered(line, share)
+            self._bounded(f"tempered chain, first order, share {share:g}", bound.bound())
+            self._try_path(bound.path())
+            if self._closed():
+                return line
+            line = bound.survivors(self.score)
+            self._left(line)
+            if line.alive.sum() > WORTH_IT * before or time.monotonic() - started < 1.0:
+                break
+            near = [s for s in (share - 0.05, share, share + 0.05, (1.0 + share) / 2) if s <= 1.0]
+            share, _ = self._best_share(line, tuple(near))
+        self.stats["share"] = share
+        return line
+
+    def _second_order(self, line: Line) -> bool:
+        """Bound by second-order chains over what is left, then search it."""
+        low = high = float(self.stats.get("share", 1.0))
+        best: tuple[float, float] | None = None  # bound and share of the best so far
+        shares = [(low + 1.0) / 2, 1.0, low, (low + 3.0) / 4]
+        second: SecondOrder | None = None
+        for number in range(SECOND_ORDER_PASSES):
+            if self._triples(line) > MOST_TRIPLES:
+                return False
+            before = int(line.alive.sum())
+            share = shares[number % len(shares)]
+            second = SecondOrder(self._tempered(line, share), self.score)
+            bound = second.bound()
+            self._bounded(f"tempered chain, second order, share {share:g}", bound)
+            if best is None or bound < best[0]:
+                best = bound, share
+            self._try_path(second.path())
+            if self._closed():
+                return True
+            line = second.survivors(self.score)
+            self._left(line)
+            if line.candidate.size == 0:
+                self._bounded("tempered chain, nothing left", self.score)
+                return True
+            if number + 1 >= len(shares) and line.alive.sum() > WORTH_IT * before:
+                break
+        if best is None or second is None:
+            return False
+        share = best[1]
+        candidates = []
+        for other in sorted({share, 1.0, high}):
+            second = SecondOrder(self._tempered(line, other), self.score)
+            candidates.append((second.bound(), other, second))
+        _, share, second = min(candidates, key=lambda entry: entry[:2])
+        self.stats["search_share"] = share
+        self.run.progress("searching what is left", None)
+        return search(
+            second,
+            self.problem.constraints,
+            self.inner,
+            lambda: self.score,
+            self._offer,
+            lambda bound: self._bounded("search", bound),
+        )
+
+    def _best_share(self, line: Line, shares: tuple[float, ...]) -> tuple[float, float]:
+        """Return the share that bounds a thinned line best, and seconds per pair of candidates."""
+        step = max(1, -(-line.candidate.size // THINNED))
+        keep = np.arange(line.candidate.size)
+        thin = line.subset(keep[(keep % step == 0) | line.required])
+        bounds, took = [], np.inf
+        for share in shares:
+            if len(shares) == 1:
+                break
+            started = time.monotonic()
+            bounds.append(self._tempered(thin, share).bound())
+            took = min(took, time.monotonic() - started)
+        best = shares[int(np.argmin(bounds))] if bounds else shares[0]
+        return best, took / max(thin.candidate.size, 1) ** 2
+
+    def _tempered(self, line: Line, share: float) -> Tempered:
+        self.run.progress(
+            f"{line.candidate.size} candidates, {int(line.alive.sum())} arcs, share {share:.3g}",
+            None,
+        )
+        budget = self.problem.constraints.budget
+        return Tempered(
+            self.objective,
+            line,
+            min(budget, max(line.candidate.size, 1)),
+            share,
+            self.background,
+            self.inner,
+        )
+
+    @staticmethod
+    def _triples(line: Line) -> int:
+        return int(np.sum(line.alive.sum(axis=0) * line.alive.sum(axis=1)))
+
+    def _left(self, line: Line) -> None:
+        self.stats["candidates_left"] = int(line.candidate.size)
+        self.stats["arcs_left"] = int(line.alive.sum())
+
+    def _try_path(self, path: IntArray) -> None:
+        """Polish the placement that a path is, if it is one, and keep it if it is better."""
+        if self.problem.constraints.violations(path) or self.inner.out_of_time():
+            return
+        kept = self.run.incumbent
+        state = self.objective.state(np.sort(path))
+        polish(self.problem, self.inner, state)
+        self.run.incumbent = kept
+        self._offer(np.array(state.selected, dtype=np.int64))
+
+    def _offer(self, selected: IntArray) -> None:
+        """Keep `selected` if it is a placement and better than the incumbent."""
+        if self.problem.constraints.violations(selected):
+            return
+        score = self.objective.value(selected)
+        if score > self.score:
+            self.score = score
+            self.selected = [int(i) for i in np.sort(selected)]
+            self.run.incumbent = self.selected
+
+    def _bounded(self, stage: str, bound: float) -> None:
+        """Note what a stage has proven: nothing beats both the incumbent and `bound`."""
+        bound = max(float(bound), self.score)
+        known = self.stats["bounds"].get(stage, np.inf)
+        self.stats["bounds"][stage] = min(known, bound)
+        if self.run.score_bound is None or bound <= self.run.score_bound:
+            if self.run.score_bound is None or bound < self.run.score_bound:
+                self.stats["bound_from"] = stage
+            self.run.score_bound = bound
+        gap = (self.run.score_bound - self.score) / max(abs(self.score), 1e-300)
+        self.run.progress(f"{stage}: score {self.score:.6g}, gap {100.0 * gap:.3g} %", None)
+
+    def _closed(self) -> bool:
+        bound = self.run.score_bound
+        return bound is not None and bound - self.score <= DONE * abs(self.score)

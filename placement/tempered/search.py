@@ -1,0 +1,127 @@
+"""Best-first search over partial placements, bounded by the second order of the tempered chain.
+
+A node is a path i_1 < … < i_l with its exact g (see `placement.tempered.bound`), and what the
+second order lets it still gain after its last two cameras. The open node of greatest total bounds
+every placement that is left, at any time; when none beats the incumbent, that is the best.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable
+
+import numpy as np
+from numba import njit
+
+from models.geometry import FloatArray, IntArray
+from placement.constraints import Constraints
+from placement.objectives.window_filter import add_rows, filter_forward, inform_backward
+from placement.problem import Run
+from placement.tempered.bound import SecondOrder
+from placement.tempered.gains import GAIN_ABSOLUTE, GAIN_RELATIVE, gain_over_window, walk
+
+MOST_OPEN = 2_000_000  # nodes; beyond, memory would be the next limit
+
+
+def search(
+    second: SecondOrder,
+    constraints: Constraints,
+    run: Run,
+    beat: Callable[[], float],
+    offer: Callable[[IntArray], None],
+    report: Callable[[float], None],
+) -> bool:
+    """Expand nodes until none beats `beat()`; return whether that end was reached.
+
+    `offer` is given placements worth a look, `report` each lower bound on those not yet refuted.
+    """
+    first, arcs = second.first, second.arcs
+    line, budget = first.line, first.budget
+    if budget < 2:
+        return False
+    offer(np.empty(0, dtype=np.int64))
+    for i in np.flatnonzero(np.isfinite(first.alone + second.ends)):
+        offer(line.candidate[[i]])
+    reach = second.start + second.B[budget - 2]
+    order = np.flatnonzero(reach >= first.threshold(beat()))
+    heap = [(-float(reach[a]), (int(arcs.source[a]), int(arcs.target[a])), int(a)) for a in order]
+    heapq.heapify(heap)
+    expanded = 0
+    while heap:
+        top = -heap[0][0]
+        if top < first.threshold(beat()):
+            report(beat())
+            return True
+        if expanded % 64 == 0:
+            report(float(first.as_bound(np.array([top]))[0]))
+            if run.out_of_time() or len(heap) > MOST_OPEN:
+                return False
+        negative, path, _ = heapq.heappop(heap)
+        expanded += 1
+        j = path[-1]
+        chosen = line.candidate[list(path)]
+        if second.ends[j] == 0.0 and not constraints.violations(chosen):
+            offer(chosen)
+        following = arcs.out[arcs.out_of[j] : arcs.out_of[j + 1]]
+        if len(path) == budget or not following.size:
+            continue
+        targets = arcs.target[following]
+        groups = line.group[list(path)]
+        free = ~np.isin(line.group[targets], groups[groups >= 0])
+        held = np.array(path, dtype=np.int64)
+        total = gains_beyond(second, held, targets) + second.B[budget - len(path) - 1][following]
+        total = np.minimum(total, -negative)
+        for m in np.flatnonzero(free & (total >= first.threshold(beat()))):
+            heapq.heappush(heap, (-float(total[m]), (*path, int(targets[m])), int(following[m])))
+    report(beat())
+    return True
+
+
+def gains_beyond(second: SecondOrder, held: IntArray, targets: IntArray) -> FloatArray:
+    """Return g of the positions `held` together with each of `targets` (m,), rounded up."""
+    found = np.zeros(targets.size)
+    for weight, small, base in second.first.drives:
+        found += weight * _gains(
+            small.indptr,
+            small.indices,
+            small.blocks,
+            small.frames * second.first.theta,
+            small.steps,
+            small.p0,
+            base,
+            held,
+            targets,
+        )
+    return found * (1.0 + GAIN_RELATIVE) + GAIN_ABSOLUTE
+
+
+@njit(cache=True)
+def _gains(indptr, indices, blocks, scale, steps, p0, base, held, targets):  # type: ignore[no-untyped-def]
+    samples = steps.shape[0]
+    before, after, later = np.empty((samples, 6)), np.empty((samples, 6)), np.empty((samples, 6))
+    logs, through = np.empty(samples), np.empty(samples)
+    at_base = filter_forward(steps, p0, base, before, after, logs)
+    total = base.copy()
+    add_rows(indptr, indices, blocks, scale, np.ones(held.size), held, total)
+    have = filter_forward(steps, p0, total, before, after, logs) - at_base
+    inform_backward(steps, total, later)
+    walk(steps, total, 0, samples - 1, before, after, logs, later, through)
+    found = np.empty(targets.size)
+    for m in range(targets.size):
+        found[m] = have + max(
+            gain_over_window(
+                indptr,
+                indices,
+                blocks,
+                scale,
+                targets[m],
+                steps,
+                total,
+                before,
+                logs,
+                later,
+                through,
+            ),
+            0.0,
+        )
+    return found
