@@ -36,15 +36,18 @@ _NEIGHBOURS = 2  # cameras on either side of a change that look again
 def solve_search(problem: Problem, run: Run) -> Proposal:
     """Polish greedy's and the uniform placement by swaps, then kick the better until it stays.
 
-    Where the candidates have no place along a road, only greedy's is polished and that is all.
+    Where the candidates have no place along a road, greedy's is polished and that is all.
     """
+    place = number_places(problem)
+    # The uniform placement costs next to nothing: it is there when time runs out on greedy's.
+    other = None if place is None else _uniform_start(problem, run)
     state, _, in_time = climb(problem, run)
     swaps, settled = polish(problem, run, state)
     stats: dict[str, Any] = {"swaps": swaps, "start": "greedy"}
-    place = number_places(problem)
-    if place is not None:
-        other = _uniform_start(problem, run)
-        if other is not None and other.score > state.score + MARGIN * abs(state.score):
+    if place is not None and other is not None:
+        # In a run of its own, so that the incumbent stays the better of the two.
+        polish(problem, Run(run.rng, run.deadline, run.progress), other)
+        if other.score > state.score + MARGIN * abs(state.score):
             state, stats["start"] = other, "uniform"
         run.incumbent = state.selected
         kicks = Kicks(problem, run, state, place)
@@ -63,15 +66,10 @@ def solve_search(problem: Problem, run: Run) -> Proposal:
     )
 
 
-def _uniform_start(problem: Problem, run: Run) -> State | None:
-    """Polish the uniform placement in a run of its own, so that the incumbent stays the better."""
-    aside = Run(run.rng, run.deadline, run.progress)
-    proposal = solve_uniform(problem, aside)
-    if proposal.status is Status.TIME_LIMIT:
-        return None
-    state = problem.objective.state(np.array(proposal.selected, dtype=np.int64))
-    polish(problem, aside, state)
-    return state
+def _uniform_start(problem: Problem, run: Run) -> State:
+    """Return the uniform placement as a state."""
+    proposal = solve_uniform(problem, Run(run.rng, run.deadline, run.progress))
+    return problem.objective.state(np.array(proposal.selected, dtype=np.int64))
 
 
 @dataclass(slots=True)

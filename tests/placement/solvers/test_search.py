@@ -13,6 +13,7 @@ from placement.constraints import count_only
 from placement.information import Information
 from placement.objectives.localisation import Localisation
 from placement.problem import Problem, Run
+from placement.solution import Status
 from placement.solve import solve
 from placement.solvers.nearby import number_places
 from placement.solvers.search import Kicks
@@ -71,3 +72,19 @@ def test_without_a_road_it_is_exchange(new_problem: Make) -> None:
 def test_required_cameras_are_not_kicked(new_problem: Make) -> None:
     problem = new_problem(np.random.default_rng(3), n_candidates=30, budget=5, required=(3, 20))
     assert {3, 20} <= set(solve(problem, "search").selected)
+
+
+def test_out_of_time_it_still_has_the_uniform_placement(
+    new_information: Make, new_toy: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(6)
+    toy = new_toy(new_information(rng, 24, 48, scale=2.0))
+    problem = Problem(toy, count_only(24, 5), np.arange(24.0) * 2.0, 48.0)
+    # Time enough for the uniform placement, and none for greedy.
+    monkeypatch.setattr(
+        "placement.solvers.search.climb",
+        lambda p, run: (setattr(run, "deadline", 0.0), (p.objective.state(), None, False))[1],
+    )
+    solution = solve(problem, "search")
+    assert solution.selected == solve(problem, "uniform").selected
+    assert solution.status is Status.TIME_LIMIT
