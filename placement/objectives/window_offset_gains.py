@@ -153,7 +153,16 @@ def offset_adjoint(steps, p0, views, plan, matrices, seed, w_tt, w_nn, future): 
             slot = plan.measure_slot[k]
             at = 3 + p * find(active, n_active, slot)
             update_state(
-                m, n, at, views, plan.measure_entry[k], plan.share[slot], u, gains[k - first]
+                m,
+                n,
+                at,
+                views.white,
+                views.offsets,
+                views.frames,
+                plan.measure_entry[k],
+                plan.share[slot],
+                u,
+                gains[k - first],
             )
         wide[:n, :n] = 0.0
         kept = plan.in_view[plan.in_view_ptr[t] : plan.in_view_ptr[t + 1]]
@@ -213,10 +222,16 @@ def undo_update(g, n, at, views, e, share, v):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def offset_entropy_gains(  # type: ignore[no-untyped-def]
-    rows, steps, p0, views, plan, matrices, later, log_before, through, shares, out
+    rows, steps, p0, views, plan, matrices, later, log_before, through, own_shares, out
 ):
-    """Set out[k] to the rise of the trajectory's log det on adding candidate rows[k], in nats."""
+    """Set out[k] to the rise of the trajectory's log det on adding candidate rows[k], in nats.
+
+    `own_shares` (c,) is what each camera tells about its offsets alone (`offset_shares`).
+    """
     p = views.offsets.shape[2]
+    enter_ptr, measure_ptr, measure_slot = plan.enter_ptr, plan.measure_ptr, plan.measure_slot
+    measure_entry, shares, last_seen = plan.measure_entry, plan.share, plan.last
+    white, offsets, frames = views.white, views.offsets, views.frames
     size = plan.widest + p
     m, low, work = np.zeros((size, size)), np.empty((size, size)), np.empty((size, size))
     u, v = np.empty((2, size)), np.empty((2, size))
@@ -233,21 +248,37 @@ def offset_entropy_gains(  # type: ignore[no-untyped-def]
         log_sum, product = log_before[t], 1.0
         while True:
             n, n_active, det = pass_sample(
-                t, m, n, base, active, n_active, steps, views, plan, u, v
+                t,
+                m,
+                n,
+                base,
+                active,
+                n_active,
+                steps,
+                enter_ptr,
+                measure_ptr,
+                measure_slot,
+                measure_entry,
+                shares,
+                white,
+                offsets,
+                frames,
+                u,
+                v,
             )
             if views.indices[e] == t:
-                det *= update_state(m, n, 3, views, e, 1.0, u, v)
+                det *= update_state(m, n, 3, white, offsets, frames, e, 1.0, u, v)
                 e += 1
             product *= det
             if product > RESCALE:
                 log_sum += math.log(product)
                 product = 1.0
-            n, n_active = drop_unseen(t, m, n, base, active, n_active, p, plan)
+            n, n_active = drop_unseen(t, m, n, base, active, n_active, p, last_seen)
             if e == stop:
                 break
             t += 1
         n = leave_state(m, n, 3, p)
-        log_sum += math.log(product) - shares[rows[k]] - through[t]
+        log_sum += math.log(product) - own_shares[rows[k]] - through[t]
         out[k] = log_sum + log_det_plus_flat(m, n, later, plan.matrix_ptr[t], low, work)
 
 
@@ -260,6 +291,9 @@ def offset_reductions(  # type: ignore[no-untyped-def]
     What the walk leaves open at its end is at most TAIL_TOLERANCE of it (`window_trace`).
     """
     p, last = views.offsets.shape[2], steps.shape[0] - 1
+    enter_ptr, measure_ptr, measure_slot = plan.enter_ptr, plan.measure_ptr, plan.measure_slot
+    measure_entry, shares, last_seen = plan.measure_entry, plan.share, plan.last
+    white, offsets, frames = views.white, views.offsets, views.frames
     size = plan.widest + p
     m = np.zeros((size, size))
     u, v = np.empty((2, size)), np.empty((2, size))
@@ -275,14 +309,32 @@ def offset_reductions(  # type: ignore[no-untyped-def]
         insert_candidate(m, n, p)
         fall = 0.0
         while True:
-            n, n_active, _ = pass_sample(t, m, n, base, active, n_active, steps, views, plan, u, v)
+            n, n_active, _ = pass_sample(
+                t,
+                m,
+                n,
+                base,
+                active,
+                n_active,
+                steps,
+                enter_ptr,
+                measure_ptr,
+                measure_slot,
+                measure_entry,
+                shares,
+                white,
+                offsets,
+                frames,
+                u,
+                v,
+            )
             if e < stop and views.indices[e] == t:
-                update_state(m, n, 3, views, e, 1.0, u, v)
+                update_state(m, n, 3, white, offsets, frames, e, 1.0, u, v)
                 e += 1
                 if e == stop:
                     n = leave_state(m, n, 3, p)
                     base = 3
-            n, n_active = drop_unseen(t, m, n, base, active, n_active, p, plan)
+            n, n_active = drop_unseen(t, m, n, base, active, n_active, p, last_seen)
             start = plan.matrix_ptr[t]
             stored = n - (base - 3)
             fall += w_tt * (matrices[start] - m[0, 0])
@@ -305,6 +357,9 @@ def offset_reductions(  # type: ignore[no-untyped-def]
 def offset_final(rows, steps, p0, views, plan, matrices, out):  # type: ignore[no-untyped-def]
     """Set out[k] (k, 6) to the covariance of the last state with candidate rows[k] added."""
     p, last = views.offsets.shape[2], steps.shape[0] - 1
+    enter_ptr, measure_ptr, measure_slot = plan.enter_ptr, plan.measure_ptr, plan.measure_slot
+    measure_entry, shares, last_seen = plan.measure_entry, plan.share, plan.last
+    white, offsets, frames = views.white, views.offsets, views.frames
     size = plan.widest + p
     m = np.zeros((size, size))
     u, v = np.empty((2, size)), np.empty((2, size))
@@ -316,13 +371,31 @@ def offset_final(rows, steps, p0, views, plan, matrices, out):  # type: ignore[n
         n, n_active = load_before(start, m, base, p0, matrices, plan, p, active)
         insert_candidate(m, n, p)
         for t in range(start, last + 1):
-            n, n_active, _ = pass_sample(t, m, n, base, active, n_active, steps, views, plan, u, v)
+            n, n_active, _ = pass_sample(
+                t,
+                m,
+                n,
+                base,
+                active,
+                n_active,
+                steps,
+                enter_ptr,
+                measure_ptr,
+                measure_slot,
+                measure_entry,
+                shares,
+                white,
+                offsets,
+                frames,
+                u,
+                v,
+            )
             if e < stop and views.indices[e] == t:
-                update_state(m, n, 3, views, e, 1.0, u, v)
+                update_state(m, n, 3, white, offsets, frames, e, 1.0, u, v)
                 e += 1
                 if e == stop:
                     n = leave_state(m, n, 3, p)
                     base = 3
-            n, n_active = drop_unseen(t, m, n, base, active, n_active, p, plan)
+            n, n_active = drop_unseen(t, m, n, base, active, n_active, p, last_seen)
         out[k, 0], out[k, 1], out[k, 2] = m[0, 0], m[0, 1], m[0, 2]
         out[k, 3], out[k, 4], out[k, 5] = m[1, 1], m[1, 2], m[2, 2]

@@ -66,7 +66,7 @@ def add_measurement(g, at, views, e, share, h):  # type: ignore[no-untyped-def]
     """Add Hᵀ J H of entry e, whose camera's offsets start at state `at`."""
     p = views.offsets.shape[2]
     unit = 1.0 / math.sqrt(share)
-    jtt, jtn, jnn = white_block(views, e, share)
+    jtt, jtn, jnn = white_block(views.white, views.frames, e, share)
     h[:, :3] = 0.0
     h[0, 0], h[1, 1] = 1.0, 1.0
     for q in range(p):

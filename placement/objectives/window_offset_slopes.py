@@ -30,6 +30,9 @@ def offset_slopes(  # type: ignore[no-untyped-def]
     """
     p = views.offsets.shape[2]
     base = 3 + p
+    enter_ptr, measure_ptr, measure_slot = plan.enter_ptr, plan.measure_ptr, plan.measure_slot
+    measure_entry, shares, last_seen = plan.measure_entry, plan.share, plan.last
+    white, offsets, frames = views.white, views.offsets, views.frames
     size = plan.widest + p
     m = np.zeros((size, size))
     u, v = np.empty((2, size)), np.empty((2, size))
@@ -49,11 +52,29 @@ def offset_slopes(  # type: ignore[no-untyped-def]
         own[:] = np.eye(p)
         found = 0.0
         while True:
-            n, n_active, _ = pass_sample(t, m, n, base, active, n_active, steps, views, plan, u, v)
-            n, n_active = drop_unseen(t, m, n, base, active, n_active, p, plan)
+            n, n_active, _ = pass_sample(
+                t,
+                m,
+                n,
+                base,
+                active,
+                n_active,
+                steps,
+                enter_ptr,
+                measure_ptr,
+                measure_slot,
+                measure_entry,
+                shares,
+                white,
+                offsets,
+                frames,
+                u,
+                v,
+            )
+            n, n_active = drop_unseen(t, m, n, base, active, n_active, p, last_seen)
             if views.indices[e] == t:
-                a00, a01, a11 = own_innovation(views, e, own, v)
-                v00, v01, v11 = foresee(m, n, views, e, u)
+                a00, a01, a11 = own_innovation(white, offsets, frames, e, own, v)
+                v00, v01, v11 = foresee(m, n, offsets, e, u)
                 q00, q01, q11 = variance * v00, variance * v01, variance * v11
                 start = plan.matrix_ptr[t]
                 stored = n - p
@@ -79,20 +100,20 @@ def offset_slopes(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def own_innovation(views, e, own, gain):  # type: ignore[no-untyped-def]
+def own_innovation(white, offsets, frames, e, own, gain):  # type: ignore[no-untyped-def]
     """Return A of entry e and update the camera's own offset covariance; its gain in (2, p)."""
-    p = views.offsets.shape[2]
+    p = offsets.shape[2]
     s00, s01, s11 = 0.0, 0.0, 0.0
     c = np.zeros((2, p))
     for i in range(p):
         for j in range(p):
-            c[0, i] += own[i, j] * views.offsets[e, 0, j]
-            c[1, i] += own[i, j] * views.offsets[e, 1, j]
+            c[0, i] += own[i, j] * offsets[e, 0, j]
+            c[1, i] += own[i, j] * offsets[e, 1, j]
     for i in range(p):
-        s00 += views.offsets[e, 0, i] * c[0, i]
-        s01 += views.offsets[e, 1, i] * c[0, i]
-        s11 += views.offsets[e, 1, i] * c[1, i]
-    jtt, jtn, jnn = white_block(views, e, 1.0)
+        s00 += offsets[e, 0, i] * c[0, i]
+        s01 += offsets[e, 1, i] * c[0, i]
+        s11 += offsets[e, 1, i] * c[1, i]
+    jtt, jtn, jnn = white_block(white, frames, e, 1.0)
     det_j = jtt * jnn - jtn * jtn
     det = 1.0 + s00 * jtt + 2.0 * s01 * jtn + s11 * jnn + (s00 * s11 - s01 * s01) * det_j
     a00, a01, a11 = (
@@ -110,23 +131,23 @@ def own_innovation(views, e, own, gain):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def foresee(m, n, views, e, u):  # type: ignore[no-untyped-def]
+def foresee(m, n, offsets, e, u):  # type: ignore[no-untyped-def]
     """Fill u (2, n) with Cov(ν, state), ν = e_s − B b; return Var ν (tt, tn, nn)."""
-    p = views.offsets.shape[2]
+    p = offsets.shape[2]
     u0, u1 = u[0], u[1]
     for i in range(n):
         u0[i], u1[i] = m[0, i], m[1, i]
     for q in range(p):
-        b0, b1 = np.float64(views.offsets[e, 0, q]), np.float64(views.offsets[e, 1, q])
+        b0, b1 = np.float64(offsets[e, 0, q]), np.float64(offsets[e, 1, q])
         row = m[3 + q]
         for i in range(n):
             u0[i] -= b0 * row[i]
             u1[i] -= b1 * row[i]
     v00, v01, v11 = u0[0], u0[1], u1[1]
     for q in range(p):
-        v00 -= views.offsets[e, 0, q] * u0[3 + q]
-        v01 -= views.offsets[e, 1, q] * u0[3 + q]
-        v11 -= views.offsets[e, 1, q] * u1[3 + q]
+        v00 -= offsets[e, 0, q] * u0[3 + q]
+        v01 -= offsets[e, 1, q] * u0[3 + q]
+        v11 -= offsets[e, 1, q] * u1[3 + q]
     return v00, v01, v11
 
 

@@ -143,45 +143,45 @@ def predict_state(m, n, step):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def white_block(views, e, share):  # type: ignore[no-untyped-def]
+def white_block(white, frames, e, share):  # type: ignore[no-untyped-def]
     """Return `share` times entry e's white information (tt, tn, nn), all frames of its sample."""
-    factor = share * views.frames
-    if views.white.shape[1] == 1:
-        j = factor * np.float64(views.white[e, 0])
+    factor = share * frames
+    if white.shape[1] == 1:
+        j = factor * np.float64(white[e, 0])
         return j, 0.0, j
     return (
-        factor * np.float64(views.white[e, 0]),
-        factor * np.float64(views.white[e, 1]),
-        factor * np.float64(views.white[e, 2]),
+        factor * np.float64(white[e, 0]),
+        factor * np.float64(white[e, 1]),
+        factor * np.float64(white[e, 2]),
     )
 
 
 @njit(cache=True)
-def update_state(m, n, at, views, e, share, u, v):  # type: ignore[no-untyped-def]
+def update_state(m, n, at, white, offsets, frames, e, share, u, v):  # type: ignore[no-untyped-def]
     """Learn entry e of a camera whose offsets start at state `at`; return det(I + H P Hᵀ J).
 
     The states are offsets times √share, so that their prior variance is 1. Leaves P Hᵀ in `u`
     (2, n) and P HᵀA in `v` (2, n), A = (J⁻¹ + H P Hᵀ)⁻¹, for the adjoint.
     """
-    p = views.offsets.shape[2]
+    p = offsets.shape[2]
     unit = 1.0 / math.sqrt(share)
     # rows as slices and both components in one pass: twice as fast as indexing in two dimensions
     u0, u1, v0, v1 = u[0], u[1], v[0], v[1]
     for i in range(n):
         u0[i], u1[i] = m[0, i], m[1, i]
     for q in range(p):
-        b0, b1 = unit * views.offsets[e, 0, q], unit * views.offsets[e, 1, q]
+        b0, b1 = unit * offsets[e, 0, q], unit * offsets[e, 1, q]
         row = m[at + q]
         for i in range(n):
             u0[i] += b0 * row[i]
             u1[i] += b1 * row[i]
     s00, s01, s11 = u0[0], u0[1], u1[1]
     for q in range(p):
-        b0, b1 = unit * views.offsets[e, 0, q], unit * views.offsets[e, 1, q]
+        b0, b1 = unit * offsets[e, 0, q], unit * offsets[e, 1, q]
         s00 += b0 * u0[at + q]
         s01 += b1 * u0[at + q]
         s11 += b1 * u1[at + q]
-    jtt, jtn, jnn = white_block(views, e, share)
+    jtt, jtn, jnn = white_block(white, frames, e, share)
     det_j = jtt * jnn - jtn * jtn
     det = 1.0 + s00 * jtt + 2.0 * s01 * jtn + s11 * jnn + (s00 * s11 - s01 * s01) * det_j
     a00, a01, a11 = (
@@ -210,35 +210,53 @@ def find(active, n_active, slot):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def pass_sample(t, m, n, base, active, n_active, steps, views, plan, u, v):  # type: ignore[no-untyped-def]
+def pass_sample(  # type: ignore[no-untyped-def]
+    t,
+    m,
+    n,
+    base,
+    active,
+    n_active,
+    steps,
+    enter_ptr,
+    measure_ptr,
+    measure_slot,
+    measure_entry,
+    shares,
+    white,
+    offsets,
+    frames,
+    u,
+    v,
+):
     """Advance to sample t and learn what the placement's cameras see there.
 
     Offsets of active slots start at state `base`. Cameras seen last at t stay in the state.
     Returns the numbers of states and active slots, and the product of determinants, which a few
     dozen cameras in one sample do not bring near the largest number.
     """
-    p = views.offsets.shape[2]
+    p = offsets.shape[2]
     if t > 0:
         predict_state(m, n, steps[t])
-    for slot in range(plan.enter_ptr[t], plan.enter_ptr[t + 1]):
+    for slot in range(enter_ptr[t], enter_ptr[t + 1]):
         n = enter_state(m, n, p, 1.0)
         active[n_active] = slot
         n_active += 1
     product = 1.0
-    for k in range(plan.measure_ptr[t], plan.measure_ptr[t + 1]):
-        slot = plan.measure_slot[k]
+    for k in range(measure_ptr[t], measure_ptr[t + 1]):
+        slot = measure_slot[k]
         at = base + p * find(active, n_active, slot)
-        share = plan.share[slot]
-        product *= update_state(m, n, at, views, plan.measure_entry[k], share, u, v)
+        share = shares[slot]
+        product *= update_state(m, n, at, white, offsets, frames, measure_entry[k], share, u, v)
     return n, n_active, product
 
 
 @njit(cache=True)
-def drop_unseen(t, m, n, base, active, n_active, p, plan):  # type: ignore[no-untyped-def]
+def drop_unseen(t, m, n, base, active, n_active, p, last):  # type: ignore[no-untyped-def]
     """Drop the offsets of cameras that see nothing after sample t; return the two numbers."""
     a = 0
     while a < n_active:
-        if plan.last[active[a]] <= t:
+        if last[active[a]] <= t:
             n = leave_state(m, n, base + p * a, p)
             for b in range(a, n_active - 1):
                 active[b] = active[b + 1]
@@ -271,6 +289,9 @@ def filter_offsets(steps, p0, views, plan, matrices, log_before):  # type: ignor
     Returns Σ log det over all samples, offsets included: the caller takes off their own share.
     """
     n_samples, p = steps.shape[0], views.offsets.shape[2]
+    enter_ptr, measure_ptr, measure_slot = plan.enter_ptr, plan.measure_ptr, plan.measure_slot
+    measure_entry, shares, last_seen = plan.measure_entry, plan.share, plan.last
+    white, offsets, frames = views.white, views.offsets, views.frames
     m = np.zeros((plan.widest, plan.widest))
     u, v = np.empty((2, plan.widest)), np.empty((2, plan.widest))
     active = np.empty(plan.camera.size, dtype=np.int64)
@@ -278,9 +299,27 @@ def filter_offsets(steps, p0, views, plan, matrices, log_before):  # type: ignor
     n, n_active, log_sum = 3, 0, 0.0
     for t in range(n_samples):
         log_before[t] = log_sum
-        n, n_active, det = pass_sample(t, m, n, 3, active, n_active, steps, views, plan, u, v)
+        n, n_active, det = pass_sample(
+            t,
+            m,
+            n,
+            3,
+            active,
+            n_active,
+            steps,
+            enter_ptr,
+            measure_ptr,
+            measure_slot,
+            measure_entry,
+            shares,
+            white,
+            offsets,
+            frames,
+            u,
+            v,
+        )
         log_sum += math.log(det)
-        n, n_active = drop_unseen(t, m, n, 3, active, n_active, p, plan)
+        n, n_active = drop_unseen(t, m, n, 3, active, n_active, p, last_seen)
         store(matrices, plan.matrix_ptr[t], m, n)
     return log_sum
 
@@ -295,7 +334,7 @@ def offset_shares(views, out):  # type: ignore[no-untyped-def]
     for i in range(out.size):
         m = np.eye(p)
         for e in range(views.indptr[i], views.indptr[i + 1]):
-            jtt, jtn, jnn = white_block(views, e, 1.0)
+            jtt, jtn, jnn = white_block(views.white, views.frames, e, 1.0)
             for a in range(p):
                 b0, b1 = np.float64(views.offsets[e, 0, a]), np.float64(views.offsets[e, 1, a])
                 c0, c1 = jtt * b0 + jtn * b1, jtn * b0 + jnn * b1
