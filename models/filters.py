@@ -112,10 +112,6 @@ def remember(
             block = cross[met[m]]
             for q in range(block.shape[1]):
                 block[row, q] = block[a, q]
-    first = POSE + 2 * slot
-    for a in range(2):
-        for b in range(2):
-            covariance[first + a, first + b] = covariance[a, b]
 
 
 @njit(cache=True)

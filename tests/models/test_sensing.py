@@ -9,7 +9,12 @@ import pytest
 
 from models.cameras import Cameras, X, make_camera
 from models.control import SpeedPolicy
-from models.errors import ErrorModel, error_covariance, split_covariance
+from models.errors import (
+    ErrorModel,
+    error_covariance,
+    measurement_covariance,
+    split_covariance,
+)
 from models.following import Course, course
 from models.installation import Installation
 from models.roads import Piece, road_from_pieces
@@ -110,6 +115,21 @@ def test_nothing_beyond_the_report_limit_or_the_range_is_reported() -> None:
             if math.hypot(60.0 - x, 3.0) > reach + 1.0:
                 assert len(seen) == 0
         assert len(look(s, s.table, 48.0, 0.0, rng)) == 1
+
+
+def test_every_report_is_within_the_report_limit_as_the_model_has_it() -> None:
+    rng = np.random.default_rng(6)
+    far = make_camera(x_m=60.0, y_m=3.0, yaw_deg=180.0, pitch_deg=20.0, fov_deg=(60.0, 38.0))
+    errors = ErrorModel(report_limit_m=0.8)
+    s = sensors(far, errors, course_of_road())
+    counts = []
+    for x in np.arange(30.0, 55.0, 0.25):
+        seen = look(s, s.table, x, 0.0, rng)
+        counts.append(len(seen))
+        for report in seen:
+            dx, dy = report[1] - 60.0, report[2] - 3.0
+            assert measurement_covariance(s.table[0], dx, dy, s.model)[3] <= 0.8
+    assert 0 < sum(counts) < len(counts)
 
 
 def test_missed_and_false_detections_come_at_their_rate() -> None:

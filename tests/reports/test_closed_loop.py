@@ -17,6 +17,7 @@ from placement.prediction import predict
 from placement.solve import solve
 from placement.validation import validate
 from reports import closed_loop
+from reports.closed_loop_document import DOCUMENT, fill_document
 from reports.consistency import draw, draw_nees
 
 
@@ -80,3 +81,11 @@ def test_the_picture_shows_both_filters_and_the_band(result: Result) -> None:
 
 def test_nothing_is_drawn_before_a_solution_is_driven(result: Result) -> None:
     assert draw(replace(result, validation=None)) == {}
+
+
+def test_the_document_s_tables_are_the_study_s(study: Path) -> None:
+    text = fill_document(DOCUMENT.read_text(encoding="utf-8"), study)
+    circuit = pd.read_csv(study / "consistency.csv").iloc[1]
+    assert f"{circuit['predicted_rms_m']:.3f} / {circuit['simulated_rms_m']:.3f}" in text
+    assert text.count("\n| `") == len(closed_loop.CASES) * len(closed_loop.INSTANCES) + 12
+    assert "nan" not in text

@@ -1,0 +1,70 @@
+"""Measure the tables of docs/closed-loop.md anew: `python -m reports.closed_loop_document`."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from pathlib import Path
+
+import pandas as pd
+
+from reports.closed_loop import run
+
+DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "closed-loop.md"
+
+
+def fill_document(text: str, folder: Path) -> str:
+    """Return `text` with both tables replaced by what the study's CSV files in `folder` say."""
+    tables = {
+        "consistency": _consistency(pd.read_csv(folder / "consistency.csv")),
+        "dead_reckoning": _dead_reckoning(pd.read_csv(folder / "dead_reckoning.csv")),
+    }
+
+    def table(match: re.Match[str]) -> str:
+        return f"<!-- table: {match[1]} -->\n{tables[match[1]]}\n<!-- end -->"
+
+    return re.sub(r"<!-- table: (\w+) -->\n.*?<!-- end -->", table, text, flags=re.DOTALL)
+
+
+def _consistency(table: pd.DataFrame) -> str:
+    keys = ["instance", "case"]
+    rows = []
+    for (instance, case), part in table.groupby(keys, sort=False):
+        cells = {
+            row["filter"]: f"{row['predicted_rms_m']:.3f} / {row['simulated_rms_m']:.3f}"
+            f" / {row['nees_mean']:.2f} / {100.0 * row['nees_steps_in_band']:.0f} %"
+            for row in part.to_dict("records")
+        }
+        rows.append([f"`{instance}`, {case}", cells["ekf"], cells["schmidt"]])
+    header = ["", "EKF: predicted / simulated rms (m) / NEES / steps in band", "Schmidt–Kalman"]
+    return _markdown(header, rows)
+
+
+def _dead_reckoning(table: pd.DataFrame) -> str:
+    rows = []
+    for row in table.to_dict("records"):
+        ours = bool(pd.notna(row["runs"]))
+        what = f"`{row['odometry']}`, filter at {row['filter_hz']:.0f} Hz, {row['runs']:.0f} runs"
+        rows.append(
+            [
+                what if ours else str(row["odometry"]),
+                f"{row['mean_m']:.2f}",
+                f"{row['worst_m']:.2f}",
+                f"{row['mean_percent_of_distance']:.2f} %",
+                f"{row['claimed_rms_m']:.2f} / {row['rms_m']:.2f}" if ours else "–",
+            ]
+        )
+    header = ["odometry", "mean end error (m)", "worst (m)", "mean / distance", "claimed / rms (m)"]
+    return _markdown(header, rows)
+
+
+def _markdown(header: list[str], rows: list[list[str]]) -> str:
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as scratch:
+        run(Path(scratch))
+        document = fill_document(DOCUMENT.read_text(encoding="utf-8"), Path(scratch))
+    DOCUMENT.write_text(document, encoding="utf-8")
