@@ -59,7 +59,7 @@ def best_in_stretch(windows: Windows, budget: int, beat: float, width: int = WID
     if not len(stage.nodes):
         return nothing
     stage = priced(stage, [price * share for share in SHARES])
-    return label_pass(stage, beat, MARGIN * abs(beat), width).path
+    return stage.nodes[label_pass(stage, beat, MARGIN * abs(beat), width).path]
 
 
 def improve_by_stretches(

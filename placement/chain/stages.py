@@ -96,11 +96,9 @@ def marginal_price(stage: Stage) -> float:
 
 
 def label_pass(stage: Stage, beat: float, margin: float, width: int) -> Outcome:
-    """Search the stage by labels; the path found is in the numbers of the first windows."""
-    found = search_labels(
-        stage.windows, stage.arcs, list(stage.prices), stage.B, beat, margin, width
-    )
-    return Outcome(stage.nodes[found.path], found.score, found.given_up, found.labels)
+    """Search the stage by labels; the path found is in the numbers of the stage's windows."""
+    prices = list(stage.prices)
+    return search_labels(stage.windows, stage.arcs, prices, stage.B, beat, margin, width)
 
 
 def _through_arcs(stage: Stage) -> FloatArray:

@@ -25,7 +25,7 @@ _EPS = float(np.finfo(np.float64).eps)
 
 @dataclass(frozen=True, slots=True)
 class Windows:
-    """Hold n usable candidates, ordered by the middle of their windows, as CSR rows.
+    """Hold n usable candidates, ordered along the path, as CSR rows.
 
     candidate (n,): the original numbers; group (n,), −1 for none; mandatory (n,): required.
     Row j spans `indptr[j]:indptr[j + 1]` of position (unrolled sample numbers, rising), sample,
@@ -57,29 +57,55 @@ class Windows:
 
     def subset(self, keep: BoolArray) -> Windows:
         """Return the windows marked in `keep` (n,), in the same order and positions."""
-        lengths = np.diff(self.indptr)
-        entries = np.repeat(keep, lengths)
+        return self.taken(np.flatnonzero(keep))
+
+    def taken(self, rows: IntArray) -> Windows:
+        """Return the windows `rows`, in that order."""
+        lengths = np.diff(self.indptr)[rows]
+        ends = np.cumsum(lengths)
+        entries = np.arange(int(lengths.sum())) + np.repeat(
+            self.indptr[rows] - (ends - lengths), lengths
+        )
         return Windows(
-            self.candidate[keep],
-            self.group[keep],
-            self.mandatory[keep],
-            np.concatenate([[0], np.cumsum(lengths[keep])]),
+            self.candidate[rows],
+            self.group[rows],
+            self.mandatory[rows],
+            np.concatenate([[0], ends]).astype(np.int64),
             self.position[entries],
             self.sample[entries],
             self.block[entries],
             self.weight[entries],
             self.det[entries],
-            self.first[keep],
-            self.last[keep],
-            self.alone[keep],
-            self.slack[keep],
+            self.first[rows],
+            self.last[rows],
+            self.alone[rows],
+            self.slack[rows],
             self.n_positions,
             self.wraps,
         )
 
 
-def ordered_windows(objective: Localisation, constraints: Constraints) -> Windows:
-    """Order the usable candidates that see anything, and unroll their windows.
+def reordered(windows: Windows, power: float) -> tuple[Windows, IntArray]:
+    """Order windows by their centre, samples weighted by (log det)^power; return the rows, too.
+
+    Any order gives a valid bound in which windows that do not meet come one after the other, as
+    any mean of each window's positions ensures. But how good a bound depends much on the order:
+    on `winding` with 80 cameras, first and second order are 2.7 and 1.2 % off by the plain middle
+    (power 0), 0.8 and 0.8 % by power 1, 1.6 and 0.55 % by power 0.3.
+    """
+    row = np.repeat(np.arange(len(windows)), np.diff(windows.indptr))
+    mass = np.log(windows.det) ** power + 1e-300
+    total = np.bincount(row, mass, len(windows))
+    centre = np.bincount(row, mass * windows.position, len(windows)) / total
+    # Equal centres must not fall apart with rounding: the original number decides between them.
+    rows = np.lexsort((windows.candidate, np.round(centre, 9)))
+    return windows.taken(rows), rows
+
+
+def ordered_windows(
+    objective: Localisation, constraints: Constraints, power: float = 1.0
+) -> Windows:
+    """Order the usable candidates that see anything (`reordered`), and unroll their windows.
 
     A required candidate that sees nothing is left out, too: it uses budget, but no order.
     """
@@ -91,9 +117,7 @@ def ordered_windows(objective: Localisation, constraints: Constraints) -> Window
     start = (start - cut) % t
     # Windows whose middle lies beyond the end belong, one turn earlier, to the beginning.
     start = np.where(start + length / 2.0 >= t, start - t, start)
-    order = np.lexsort((rows, 2 * start + length))
-    rows, start = rows[order], start[order]
-    return _gather(objective, constraints, rows, start, cut)
+    return reordered(_gather(objective, constraints, rows, start, cut), power)[0]
 
 
 def _gather(

@@ -2,10 +2,10 @@
 
 1. Pairwise gains and the first-order bound for every budget in one dynamic program. Its best
    path is a placement; on weakly coupled roads it *is* the optimum.
-2. What cannot be part of a better placement than the incumbent is left out.
-3. The second-order bound, at the price a camera that makes it least; leave out more.
-4. The incumbent is improved stretch by stretch, each stretch solved nearly exactly.
-5. Labels: partial placements with exact scores, wider and wider, until none is given up.
+2. The incumbent is improved stretch by stretch, each stretch solved nearly exactly.
+3. Bounds to first and second order, the latter at the price a camera that makes it least, in
+   several orders of the candidates; each leaves out what cannot be part of anything better.
+4. Labels: partial placements with exact scores, wider and wider, until none is given up.
 
 The method works for any `localisation` problem (the bound is valid in whatever order candidates
 come) and is strong where windows are short compared with the path.
@@ -13,6 +13,7 @@ come) and is strong where windows are short compared with the path.
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -29,7 +30,7 @@ from placement.chain.stages import (
     marginal_price,
     priced,
 )
-from placement.chain.windows import Windows, ordered_windows
+from placement.chain.windows import Windows, ordered_windows, reordered
 from placement.objectives.localisation import Localisation
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
@@ -40,7 +41,10 @@ from placement.solvers.greedy import climb
 TOLERANCE = 1e-7
 WIDTHS = (10, 100, 1_000, 10_000, 100_000)
 STRETCHES = (10, 16)
-PRICE_STEPS = 12
+# Weights of the windows' centres, by which candidates are ordered: see `windows.reordered`.
+POWERS = (1.0, 0.3, 0.6, 0.15, 0.45, 1.0)
+PRICE_WIDTH = 0.02  # how finely to look for the best price
+PRICE_SHARES = (1.0, 0.97, 0.93, 1.03)
 MOST_PAIRS = 60_000_000  # a gigabyte of arcs: beyond it only greedy's bound is given
 LEAVE_TIME_S = 0.3
 
@@ -76,6 +80,9 @@ class ChainSearch:
     score: float = -np.inf
     stats: dict[str, object] = field(default_factory=dict)
     allowance: float = 0.0  # rounding in the chain's sums, nats
+    _budget: int = 0  # for candidates that see anything
+    _left_out: bool = False  # whether candidates were left out since they fall short
+    _step_s: float = 0.0  # how long the last uninterruptible step took, now that there is less left
 
     def run_stages(self) -> bool:
         """Go through the stages; return False if time ran out first."""
@@ -86,7 +93,8 @@ class ChainSearch:
         if self._proven() or self._out_of_time():
             return self._proven()
         windows = ordered_windows(self.objective, self.problem.constraints)
-        budget = min(self.problem.constraints.budget - self._deaf_required(), len(windows))
+        self._budget = self.problem.constraints.budget - self._deaf_required()
+        budget = min(self._budget, len(windows))
         if not self._affordable(windows, budget):
             self.stats["chain"] = "too many overlapping pairs"
             return True
@@ -98,59 +106,105 @@ class ChainSearch:
         self._offer(windows.candidate[first_path(stage)], polishing=True)
         if self._proven() or self._out_of_time():
             return self._proven()
-        return self._second_order(windows, stage)
+        return self._orders(windows)
 
-    def _second_order(self, windows: Windows, stage: Stage) -> bool:
-        price = marginal_price(stage)
-        stage = eliminated(stage, self._beat())
-        self._note_left("first", stage)
+    def _orders(self, windows: Windows) -> bool:
+        """Bound in one order after another, leaving out candidates for good; then search.
+
+        That no better placement holds a candidate is true whatever order proved it, so each order
+        starts from what the last one left.
+        """
+        # Half the time at most for the placement: the rest is for the bound.
+        half = 0.5 * self.run.remaining()
         for cameras in STRETCHES:
-            self._improve(windows, cameras)
-        stage, price = self._best_price(eliminated(stage, self._beat()), price)
-        self.stats["second_order_bound"] = stage.bound
-        if self._proven() or self._out_of_time():
-            return self._proven()
+            self._improve(windows, cameras, half if np.isfinite(half) else 0.0)
+        left, price = windows, 0.0
+        best: tuple[float, float] = (np.inf, POWERS[0])
+        for power in POWERS:
+            before = len(left)
+            left, price, bound = self._bound_in_order(left, power, price)
+            best = min(best, (bound, power))
+            if self._proven() or self._out_of_time():
+                return self._proven()
+            if power != POWERS[0] and len(left) > 0.8 * before:
+                break
+        self.stats["candidates_left"] = len(left)
+        left, _ = reordered(left, best[1])
+        stage = self._eliminated(first_stage(left, min(self._budget, len(left))))
         for _ in range(3):
             before = len(stage.arcs)
-            stage = priced(stage, [price * s for s in (0.9, 0.95, 1.0, 1.05)])
-            self._publish(stage.bound, "chain, second order")
-            stage = eliminated(stage, self._beat())
+            stage = self._priced(stage, price)
             if self._proven() or self._out_of_time():
                 return self._proven()
             if len(stage.arcs) > 0.7 * before:
                 break
-        self._note_left("second", stage)
-        return self._labels(windows, stage)
+        self.stats["arcs_left"] = len(stage.arcs)
+        return self._labels(stage)
 
-    def _labels(self, windows: Windows, stage: Stage) -> bool:
+    def _bound_in_order(
+        self, windows: Windows, power: float, price: float
+    ) -> tuple[Windows, float, float]:
+        """Bound to first and second order; return what is left, the best price, the bound."""
+        windows, _ = reordered(windows, power)
+        stage = first_stage(windows, min(self._budget, len(windows)))
+        self._publish(stage.bound, f"chain, first order, power {power}")
+        stage = self._eliminated(stage)
+        price = self._best_price(stage, price)
+        stage = self._priced(stage, price)
+        return stage.windows, price, stage.bound
+
+    def _priced(self, stage: Stage, price: float) -> Stage:
+        """Bound at prices about `price`, and leave out what that refutes."""
+        # Each price takes two sweeps; where there is no time for all of them, take the first.
+        shares = PRICE_SHARES if self.run.remaining() > 10.0 * self._step_s else PRICE_SHARES[:1]
+        if self._out_of_time(3.0 * self._step_s):
+            return stage
+        began = time.monotonic()
+        stage = priced(stage, [price * share for share in shares])
+        self._step_s = (time.monotonic() - began) / (2.0 * len(shares))
+        self._publish(stage.bound, "chain, second order")
+        return self._eliminated(stage)
+
+    def _labels(self, stage: Stage) -> bool:
         """Search by labels, each pass wider than the last, until none is given up."""
+        # A pass cannot be interrupted: a guess at the first, from its arcs; then from the last.
+        expected_s = 1e-5 * len(stage.arcs)
         for width in WIDTHS:
-            if self._out_of_time():
+            if self._out_of_time(expected_s):
                 return False
+            began = time.monotonic()
             self.run.progress(f"labels, {width} a camera", None)
             found = label_pass(stage, self._beat(), TOLERANCE * self.score, width)
             self.stats["labels"] = found.labels
+            expected_s = 6.0 * (time.monotonic() - began)
             left = max(found.given_up, self._beat())
-            if windows.wraps:
+            if stage.windows.wraps:
                 left = max(left, found.score)
             self._publish(left, f"chain, labels of width {width}")
             if found.path.size:
-                self._offer(windows.candidate[found.path], polishing=True)
+                self._offer(stage.windows.candidate[found.path], polishing=True)
             if self._proven() or not np.isfinite(found.given_up):
                 break
             if found.given_up <= self._beat():
                 break  # what is unproven lies in the cut of a closed path, not in the width
+            stage = self._eliminated(stage)
         return True
 
-    def _best_price(self, stage: Stage, price: float) -> tuple[Stage, float]:
-        """Find the price of least second-order bound by golden section; keep the best stage."""
-        low, high = 0.5 * price, 1.05 * price
+    def _best_price(self, stage: Stage, guess: float) -> float:
+        """Find the price of least second-order bound by golden section.
+
+        The bound is convex in the price. Every bound on the way is published, every path offered.
+        """
+        price = guess if guess > 0.0 else marginal_price(stage)
+        low, high = (0.9 * price, 1.1 * price) if guess > 0.0 else (0.5 * price, 1.05 * price)
         ratio = (np.sqrt(5.0) - 1.0) / 2.0
         seen: dict[float, float] = {}
 
         def bound_at(value: float) -> float:
             if value not in seen:
+                began = time.monotonic()
                 best, start, arc = second_order.forward_best(stage.windows, stage.arcs, value)
+                self._step_s = time.monotonic() - began
                 seen[value] = best + stage.budget * value
                 if seen[value] <= min(seen.values()):
                     self._publish(seen[value], "chain, second order")
@@ -159,32 +213,20 @@ class ChainSearch:
             return seen[value]
 
         bound_at(price)
-        for _ in range(PRICE_STEPS):
-            if self._proven() or self._out_of_time() or high - low < 1e-3 * price:
-                break
+        while not (self._proven() or self._short()) and high - low > PRICE_WIDTH * price:
             one, two = high - ratio * (high - low), low + ratio * (high - low)
             if bound_at(one) <= bound_at(two):
                 high = two
             else:
                 low = one
-        best_price = min(seen, key=lambda value: seen[value])
-        bound = min(stage.bound, seen[best_price])
-        return (
-            Stage(
-                stage.nodes,
-                stage.windows,
-                stage.arcs,
-                stage.budget,
-                stage.F,
-                stage.B,
-                bound,
-                stage.prices,
-            ),
-            best_price,
-        )
+        return min(seen, key=lambda value: seen[value])
 
-    def _improve(self, windows: Windows, cameras: int) -> None:
-        """Sweep over stretches until a sweep changes nothing."""
+    def _improve(self, windows: Windows, cameras: int, leave_s: float) -> None:
+        """Sweep over stretches until a sweep changes nothing, or `leave_s` seconds are left."""
+
+        def stop() -> bool:
+            return self._out_of_time(leave_s)
+
         node_of = np.full(self.objective.n_candidates, -1, dtype=np.int64)
         node_of[windows.candidate] = np.arange(len(windows))
 
@@ -197,12 +239,12 @@ class ChainSearch:
             sums = self.objective.scale * self.objective.sums(x)
             return np.ascontiguousarray(sums[windows.sample])
 
-        while not (self._out_of_time() or self._proven()):
+        while not (stop() or self._proven()):
             before = self.score
             nodes = node_of[np.array(self.incumbent, dtype=np.int64)]
             deaf = [i for i, node in zip(self.incumbent, nodes, strict=True) if node < 0]
             better = improve_by_stretches(
-                windows, nodes[nodes >= 0], evaluate, base_of, cameras, self._out_of_time
+                windows, nodes[nodes >= 0], evaluate, base_of, cameras, stop
             )
             self._offer(
                 np.concatenate([windows.candidate[better], np.array(deaf, dtype=np.int64)]),
@@ -237,7 +279,10 @@ class ChainSearch:
 
     def _publish(self, bound: float, source: str) -> None:
         """Keep a valid bound if it is the best, with what rounding may have cost it."""
+        # Where candidates were left out, placements of at most `_beat` may be among what is gone.
         raised = bound + self.allowance
+        if self._left_out:
+            raised = max(raised, self.score * (1.0 + 0.5 * TOLERANCE))
         if self.run.score_bound is None or raised < self.run.score_bound:
             self.run.score_bound = raised
             self.stats["bound_from"] = source
@@ -264,11 +309,17 @@ class ChainSearch:
         self.stats["pairs"] = pairs
         return pairs <= MOST_PAIRS and len(windows) * budget <= MOST_PAIRS
 
-    def _note_left(self, order: str, stage: Stage) -> None:
-        self.stats[f"candidates_after_{order}_order"] = len(stage.nodes)
+    def _eliminated(self, stage: Stage) -> Stage:
+        """Leave out what cannot beat the incumbent."""
+        self._left_out = True
+        return eliminated(stage, self._beat())
 
-    def _out_of_time(self) -> bool:
-        return self.run.remaining() <= LEAVE_TIME_S
+    def _short(self) -> bool:
+        """Return whether another sweep at a new price, and those that must follow, may not fit."""
+        return self._out_of_time(4.0 * self._step_s)
+
+    def _out_of_time(self, needed_s: float = 0.0) -> bool:
+        return self.run.remaining() <= LEAVE_TIME_S + needed_s
 
 
 def _allowance(windows: Windows, budget: int) -> float:

@@ -101,7 +101,7 @@ def check_road(road: Road) -> None:
     for width in (1, 2, 100):
         found = label_pass(stage, beat, 0.0, width)
         assert max(found.given_up, found.score) >= best - slack
-        chosen = windows.candidate[found.path]
+        chosen = stage.windows.candidate[found.path]
         if not windows.wraps and found.path.size:
             assert found.score == pytest.approx(road.objective.value(chosen), rel=1e-10)
     assert found.given_up == first_order.NONE  # nothing was given up at width 100
