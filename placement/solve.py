@@ -89,6 +89,11 @@ METHODS: dict[str, Method] = {
         proves_bound=True,
         keeps=_ALL,
     ),
+    "tempered": Method(
+        "placement.solvers.tempered:solve_tempered",
+        "entropy: relaxation, tempered chain bound along the road, best-first search",
+        proves_bound=True,
+    ),
     "hill-climb": Method(
         "placement.solvers.hill_climb:solve_hill_climb",
         "from ten random placements, improve one pose at a time (as in 2018)",
@@ -105,6 +110,12 @@ METHODS: dict[str, Method] = {
         "placement.solvers.chain:solve_chain",
         "chain bound along the road, elimination, exact search by labels",
         proves_bound=True,
+    ),
+    "diagram": Method(
+        "placement.solvers.diagram:solve_diagram",
+        "trace: relaxed decision diagram along the road, refined until the bound closes",
+        proves_bound=True,
+        keeps=_ALL,
     ),
     "uniform": Method(
         "placement.solvers.uniform:solve_uniform",

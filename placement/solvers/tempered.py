@@ -103,7 +103,8 @@ class Proof:
         constraints = self.problem.constraints
         choice = root_choice(constraints)
         white = not any(drive.persistent for drive in self.objective.drives)
-        if white:
+        # where poses of a mount may differ in price, more knowledge is not always better
+        if white and not constraints.beyond_matroid():
             seen_by = [drive.information for drive in self.objective.drives]
             lost = dominated(seen_by, constraints.group, choice.allowed)
             lost[constraints.required] = False
@@ -129,7 +130,7 @@ class Proof:
         share, seconds = self._best_share(line, SHARES)
         for _ in range(FIRST_ORDER_PASSES):
             n = line.candidate.size
-            if n < 2 or seconds * n * n > self.inner.remaining():
+            if n < 2 or 0.25 * seconds * n * n > self.inner.remaining():
                 break
             before = int(line.alive.sum())
             started = time.monotonic()
@@ -252,7 +253,10 @@ class Proof:
 
     def _bounded(self, stage: str, bound: float) -> None:
         """Note what a stage has proven: nothing beats both the incumbent and `bound`."""
-        bound = max(float(bound), self.score)
+        # logarithms of numbers near 1 are off by an ulp of 1 each, however small their sum
+        samples = sum(drive.weight * drive.information.n_samples for drive in self.objective.drives)
+        slack = 4.0 * np.finfo(np.float64).eps * samples if bound > 0.0 else 0.0
+        bound = max(float(bound) + slack, self.score)
         known = self.stats["bounds"].get(stage, np.inf)
         self.stats["bounds"][stage] = min(known, bound)
         if self.run.score_bound is None or bound <= self.run.score_bound:

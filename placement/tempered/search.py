@@ -21,6 +21,7 @@ from placement.tempered.bound import SecondOrder
 from placement.tempered.gains import GAIN_ABSOLUTE, GAIN_RELATIVE, gain_over_window, walk
 
 MOST_OPEN = 2_000_000  # nodes; beyond, memory would be the next limit
+MOST_EXPANDED = 500_000  # nodes, some minutes: the last per mille may take for ever
 
 
 def search(
@@ -44,7 +45,9 @@ def search(
         offer(line.candidate[[i]])
     reach = second.start + second.B[budget - 2]
     order = np.flatnonzero(reach >= first.threshold(beat()))
-    heap = [(-float(reach[a]), (int(arcs.source[a]), int(arcs.target[a])), int(a)) for a in order]
+    heap: list[tuple[float, tuple[int, ...], int]] = [
+        (-float(reach[a]), (int(arcs.source[a]), int(arcs.target[a])), int(a)) for a in order
+    ]
     heapq.heapify(heap)
     expanded = 0
     while heap:
@@ -54,7 +57,7 @@ def search(
             return True
         if expanded % 64 == 0:
             report(float(first.as_bound(np.array([top]))[0]))
-            if run.out_of_time() or len(heap) > MOST_OPEN:
+            if run.out_of_time() or len(heap) > MOST_OPEN or expanded > MOST_EXPANDED:
                 return False
         negative, path, _ = heapq.heappop(heap)
         expanded += 1
