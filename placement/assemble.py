@@ -12,12 +12,12 @@ import numpy as np
 
 from models.errors import ErrorModel
 from models.files.centreline import read_centreline
-from models.geometry import BoolArray, IntArray
+from models.geometry import BoolArray, FloatArray, IntArray
 from models.installation import Installation
 from models.roads import Piece, Road, RoadPoints, road_from_pieces
 from models.vehicle import PROFILES, OdometryNoise, from_alphas
 from placement.candidates import Candidates, build_candidates
-from placement.constraints import Constraints
+from placement.constraints import Constraints, Infeasible
 from placement.information import Information, compute_information
 from placement.instance import Instance, PoseSelector, load_instance
 from placement.instance.schema import BudgetSection, VehicleSection
@@ -199,23 +199,72 @@ OBJECTIVES: Mapping[str, Callable[[Instance, RoadPoints, Information], Objective
 def build_constraints(budget: BudgetSection, candidates: Candidates) -> Constraints:
     """Make the constraints of `[budget]` on `candidates`.
 
-    A budget that is left out is the default or as many as fit; one that is given must fit.
+    A budget that is left out is the default, or with `budget.money` no limit, or as many as fit;
+    one that is given must fit.
     """
-    most = candidates.n_mounts if budget.one_per_mount else len(candidates)
-    if budget.cameras > most and "cameras" in budget.model_fields_set:
+    c = len(candidates)
+    group = _groups(budget, candidates)
+    most = int(np.unique(group[group >= 0]).size + np.sum(group < 0))
+    given = "cameras" in budget.model_fields_set
+    if budget.cameras > most and given:
         what = "mounts, one camera each" if budget.one_per_mount else "candidate poses"
         raise ValueError(
             f"budget.cameras must be at least 1 and at most {most}, the number of {what}, "
             f"got {budget.cameras}"
         )
-    c = len(candidates)
-    return Constraints(
+    unlimited = budget.money is not None and not given
+    constraints = Constraints(
         n=c,
-        budget=min(budget.cameras, most),
-        group=candidates.mount if budget.one_per_mount else np.full(c, -1, dtype=np.int64),
+        budget=most if unlimited else min(budget.cameras, most),
+        group=group,
         required=_choose("budget.required", budget.required, candidates, only_one=True),
         forbidden=_choose("budget.forbidden", budget.forbidden, candidates, only_one=False),
+        cost=_costs(budget, candidates),
+        money=math.inf if budget.money is None else budget.money,
+        place_m=(
+            np.column_stack([candidates.mount_x_m, candidates.mount_y_m])[candidates.mount]
+            if budget.separation_m
+            else None
+        ),
+        separation_m=budget.separation_m,
     )
+    if constraints.cost is not None and constraints.limits_money and not constraints.usable().any():
+        raise Infeasible(
+            f"budget.money must pay for one camera, the cheapest of which costs "
+            f"{constraints.cost.min():.10g}, got {constraints.money:.10g}"
+        )
+    return constraints
+
+
+def _groups(budget: BudgetSection, candidates: Candidates) -> IntArray:
+    """Number each candidate's group (c,): its mount's, or that of `budget.groups`; −1 for none."""
+    m = candidates.n_mounts
+    of_mount = np.arange(m) if budget.one_per_mount else np.full(m, -1)
+    seen: dict[int, int] = {}
+    for g, mounts in enumerate(budget.groups):
+        for at, mount in enumerate(mounts):
+            if mount >= m:
+                raise ValueError(f"budget.groups[{g}][{at}] must be a mount 0…{m - 1}, got {mount}")
+            if mount in seen:
+                raise ValueError(
+                    f"budget.groups[{g}][{at}] must be in no other group, got mount {mount}, "
+                    f"which is in budget.groups[{seen[mount]}]"
+                )
+            seen[mount] = g
+            of_mount[mount] = m + g
+    group: IntArray = of_mount[candidates.mount]
+    return group
+
+
+def _costs(budget: BudgetSection, candidates: Candidates) -> FloatArray | None:
+    """Return what each candidate costs (c,), or None where nothing has a price."""
+    cost = candidates.cost.copy()
+    for n, extra in enumerate(budget.costs):
+        fits = _fits(extra, candidates)
+        if not fits.any():
+            raise ValueError(f"budget.costs[{n}] must fit a candidate, got one that fits none")
+        cost[fits] += extra.cost
+    return cost if budget.money is not None or cost.any() else None
 
 
 def _choose(
@@ -263,4 +312,7 @@ def _fits(selector: PoseSelector, candidates: Candidates) -> BoolArray:
     if selector.fov_deg is not None:
         for fov, wanted in zip((cameras.hfov_rad, cameras.vfov_rad), selector.fov_deg, strict=True):
             fits &= np.abs(np.degrees(fov) - wanted) <= 1e-6
+    if selector.type is not None:
+        named = np.array([kind.name == selector.type for kind in candidates.kinds])
+        fits &= named[candidates.kind]
     return fits

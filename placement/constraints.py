@@ -66,8 +66,8 @@ class Constraints:
             first = values[counts > 1][0]
             pair = self.required[self.group[self.required] == first][:2]
             raise Infeasible(
-                f"required candidates {pair[0]} and {pair[1]} share mount {first}, "
-                "and budget.one_per_mount allows one"
+                f"required candidates {pair[0]} and {pair[1]} share mount or group {first}, "
+                "and budget.one_per_mount or budget.groups allows one"
             )
         self._check_money()
         self._check_separation()

@@ -95,6 +95,7 @@ def solution_record(scene: Scene, solution: Solution) -> dict[str, Any]:
         "seconds": solution.seconds,
         "budget": scene.problem.constraints.budget,
         "candidates": scene.problem.constraints.n,
+        **_money(scene, solution),
         "selected": sorted(solution.selected),
         "cameras": cameras_table(scene, solution).to_dict(orient="records"),
         "stats": solution.stats,
@@ -105,7 +106,10 @@ def solution_record(scene: Scene, solution: Solution) -> dict[str, Any]:
 
 
 def cameras_table(scene: Scene, solution: Solution) -> pd.DataFrame:
-    """Return one row a selected camera: where it stands, where it looks, how wide."""
+    """Return one row a selected camera: where it stands, where it looks, how wide.
+
+    With a catalogue also its `type`, and where anything has a price its `cost`.
+    """
     chosen = np.array(sorted(solution.selected), dtype=np.int64)
     cameras = scene.candidates.cameras.subset(chosen)
     degrees = {
@@ -114,7 +118,7 @@ def cameras_table(scene: Scene, solution: Solution) -> pd.DataFrame:
         "hfov_deg": np.degrees(cameras.hfov_rad),
         "vfov_deg": np.degrees(cameras.vfov_rad),
     }
-    return pd.DataFrame(
+    table = pd.DataFrame(
         {
             "mount": scene.candidates.mount[chosen],
             "x_m": cameras.x_m,
@@ -124,6 +128,21 @@ def cameras_table(scene: Scene, solution: Solution) -> pd.DataFrame:
             "projection": [Projection(int(kind)).name.lower() for kind in cameras.projection],
         }
     )
+    kinds = scene.candidates.kinds
+    if any(kind.name for kind in kinds):
+        table["type"] = [kinds[kind].name for kind in scene.candidates.kind[chosen]]
+    if scene.problem.constraints.cost is not None:
+        table["cost"] = scene.problem.constraints.cost[chosen]
+    return table
+
+
+def _money(scene: Scene, solution: Solution) -> dict[str, Any]:
+    """Return what the cameras cost and what there was, where anything has a price."""
+    constraints = scene.problem.constraints
+    if constraints.cost is None:
+        return {}
+    spent = constraints.total_cost(np.array(solution.selected, dtype=np.int64))
+    return {"cost": spent, "money": constraints.money if constraints.limits_money else None}
 
 
 def path_table(scene: Scene, solution: Solution, prediction: Prediction) -> pd.DataFrame:

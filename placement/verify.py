@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -102,8 +103,10 @@ def verify_folder(
     ]
     selected = sorted({i for i in stored.selected if 0 <= i < len(candidates)})
     checks += rule_checks(stored.instance, candidates, constraints, selected)
-    checks += camera_checks(candidates, selected, record.get("cameras"), "cameras")
-    checks += camera_checks(candidates, selected, _placements(folder), "placements.csv")
+    checks += camera_checks(candidates, constraints, selected, record.get("cameras"), "cameras")
+    checks += camera_checks(
+        candidates, constraints, selected, _placements(folder), "placements.csv"
+    )
     tell("looking through every camera", None)
     sights = sights_of(scene, eyes_of(candidates, selected))
     value = value_of(scene, sights)
@@ -161,6 +164,18 @@ def _headings(stored: Stored, candidates: Candidates, constraints: Constraints) 
         same("candidates", len(candidates), record.get("candidates")),
         Check("seconds", is_number(seconds) and seconds >= 0.0, "a number of at least 0", seconds),
         Check("seed", good_seed, "a whole number of at least 0", seed),
+        *_money(stored, constraints),
+    ]
+
+
+def _money(stored: Stored, constraints: Constraints) -> list[Check]:
+    if constraints.cost is None:
+        return []
+    chosen = [i for i in stored.selected if 0 <= i < constraints.n]
+    spent = math.fsum(constraints.cost[i] for i in chosen)
+    return [
+        near("cost", spent, stored.record.get("cost"), 1e-9 * spent),
+        same("money", stored.instance.budget.money, stored.record.get("money")),
     ]
 
 
@@ -208,7 +223,13 @@ def _bound(
     if not is_number(recorded):
         return [], found
     # Left out of the knapsack: separation and required poses, which only lower the bound.
-    knapsack = Knapsack(constraints.usable(), constraints.group, constraints.budget)
+    knapsack = Knapsack(
+        constraints.usable(),
+        constraints.group,
+        constraints.budget,
+        constraints.cost,
+        constraints.purse,
+    )
     bound = score_bound(scene, candidates, knapsack, selected)
     if bound is None:
         why = "its cameras' persistent errors couple all their frames"
@@ -228,7 +249,10 @@ def _bound(
 def _placements(folder: Path) -> list[dict[str, Any]]:
     rows = _read_csv(folder / "placements.csv")
     return [
-        {key: _int(text) if key == "mount" else _maybe(text) for key, text in row.items()}
+        {
+            key: _int(text) if key == "mount" else text if key == "type" else _maybe(text)
+            for key, text in row.items()
+        }
         for row in rows
     ]
 

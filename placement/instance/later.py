@@ -39,13 +39,11 @@ LATER = (
     Later("road.file", _ends(".net.xml", ".net.xml.gz"), "give a .csv centre line"),
     Later("road.file", _ends(".osm", ".osm.pbf", ".pbf"), "give a .csv centre line"),
     Later("road.file", _ends(".geojson", ".json"), "give a .csv centre line"),
-    Later("mounts.file", _given, "leave it out: poles stand every mounts.spacing_m"),
     Later("obstacles.polygons", _given, "leave it out: nothing blocks a view"),
     Later("obstacles.file", _given, "leave it out: nothing blocks a view"),
     Later("objective.kind", _is("tolerance"), 'use "localisation"'),
     Later("objective.kind", _is("kalman_gain"), 'use "localisation"'),
     Later("objective.drives", _given, "leave it out: one car drives the road once"),
-    Later("budget.separation_m", _given, "leave it out, or space the mounts wider"),
     Later("budget.failures", _given, "leave it out: no camera fails"),
 )
 

@@ -33,7 +33,12 @@ from placement.instance.schema import (
 )
 
 ENTRY_POINT_GROUP = "placement.instances"
-FILE_KEYS = (("road", "file"), ("mounts", "file"), ("obstacles", "file"))
+FILE_KEYS = (
+    ("road", "file"),
+    ("mounts", "file"),
+    ("camera", "catalogue"),
+    ("obstacles", "file"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,11 +113,12 @@ class Instance:
         return instance_from_dict(data, folder=self.folder, name=self.name)
 
     def sha256(self) -> str:
-        """Hash what the instance means: every key, defaults filled in, and its files' bytes.
+        """Hash what the instance means: every key that is not at its default, its files' bytes.
 
+        A key that a later version adds therefore changes no hash.
         Neither the layout of the TOML file nor the place where a referenced file lies matters.
         """
-        content = self.document.model_dump(mode="json", by_alias=True)
+        content = self.document.model_dump(mode="json", by_alias=True, exclude_defaults=True)
         for section, key in FILE_KEYS:
             path = self.files.get(f"{section}.{key}")
             if path is not None:

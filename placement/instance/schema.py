@@ -36,6 +36,7 @@ HeightM = Annotated[float, interval(0.0, 100.0, ends="(]")]
 FieldDeg = Annotated[float, interval(0.0, 360.0, ends="(]")]
 FieldsDeg = Annotated[tuple[FieldDeg, FieldDeg], LOOSE]
 PixelCount = Annotated[int, interval(1, 100_000)]
+MountNumber = Annotated[int, interval(0, math.inf)]
 Polygon = Annotated[tuple[Pair, ...], LOOSE]
 
 
@@ -98,17 +99,33 @@ class RoadSection(Section):
 
 
 class MountsSection(Section):
-    """Where cameras may be put: poles every `spacing_m` on `sides`, or those of a file."""
+    """Where cameras may be put: poles every `spacing_m` on `sides`, or those of a file.
+
+    `file` is GeoJSON with points in the road's frame, whose heights and costs come before these;
+    `cost` is that of a camera put on a pole, whatever camera.
+    """
 
     spacing_m: Positive = 10.0
     side_offset_m: NotNegative = 1.5
     sides: Annotated[tuple[Side, ...], LOOSE, NOT_EMPTY_NOR_REPEATING] = ("left", "right")
     height_m: Annotated[tuple[HeightM, ...], LOOSE, NOT_EMPTY_NOR_REPEATING] = (6.0,)
+    cost: NotNegative = 0.0
     file: str | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        grid = sorted(self.model_fields_set & {"spacing_m", "side_offset_m", "sides"})
+        if self.file is not None and grid:
+            raise refuse("must not have both file and the grid's keys", got=", ".join(grid))
+        return self
 
 
 class CameraSection(Section):
-    """The camera, and the poses a mount may give it: every yaw × pitch × field of view."""
+    """The camera, and the poses a mount may give it: every yaw × pitch × field of view.
+
+    A `catalogue` (CSV) of camera types takes the place of resolution, fields of view and price:
+    then the type is chosen as well as the pose.
+    """
 
     projection: ProjectionName = "pinhole"
     resolution_px: Annotated[tuple[PixelCount, PixelCount], LOOSE] = (2000, 1500)
@@ -124,9 +141,14 @@ class CameraSection(Section):
     distortion: Annotated[tuple[float, float, float, float], LOOSE] = (0.0, 0.0, 0.0, 0.0)
     rate_hz: Positive = 10.0
     max_range_m: Positive = 150.0
+    price: NotNegative = 0.0
+    catalogue: str | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        own = sorted(self.model_fields_set & {"resolution_px", "fov_deg", "price"})
+        if self.catalogue is not None and own:
+            raise refuse("must not have both catalogue and its columns", got=", ".join(own))
         limit = {"pinhole": 180.0, "stereographic": 360.0, "equidistant": math.inf}[self.projection]
         for i, fields in enumerate(self.fov_deg):
             for j, angle in enumerate(fields):
@@ -222,12 +244,21 @@ class PoseSelector(Section):
     yaw_deg: float | None = None
     pitch_deg: float | None = None
     fov_deg: Pair | None = None
+    type: str | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if not self.model_fields_set:
-            raise refuse("must give at least one of mount, height_m, yaw_deg, pitch_deg, fov_deg")
+        if not self.model_fields_set - {"cost"}:
+            raise refuse(
+                "must give at least one of mount, height_m, yaw_deg, pitch_deg, fov_deg, type"
+            )
         return self
+
+
+class PoseCost(PoseSelector):
+    """What the poses that a selector fits cost beyond mount and camera."""
+
+    cost: NotNegative
 
 
 def _choice_kind(value: object) -> str:
@@ -246,7 +277,9 @@ class BudgetSection(Section):
     """How many cameras, and which poses must or must not be among them.
 
     `required` and `forbidden` hold candidate indices or pose selectors. A required selector must
-    fit exactly one pose; a forbidden one forbids every pose it fits.
+    fit exactly one pose; a forbidden one forbids every pose it fits. `money` is the most that all
+    cameras may cost: mount, type, and whatever `costs` add. Each of `groups` lists mounts of which
+    one camera at most may be chosen. `separation_m` keeps cameras on different mounts apart.
     """
 
     cameras: Annotated[int, interval(1, math.inf)] = 20
@@ -254,6 +287,9 @@ class BudgetSection(Section):
     required: Annotated[tuple[PoseChoice, ...], LOOSE] = ()
     forbidden: Annotated[tuple[PoseChoice, ...], LOOSE] = ()
     separation_m: NotNegative = 0.0
+    money: NotNegative | None = None
+    costs: Annotated[tuple[PoseCost, ...], LOOSE] = ()
+    groups: Annotated[tuple[Annotated[tuple[MountNumber, ...], LOOSE], ...], LOOSE] = ()
     failures: Annotated[int, interval(0, 1)] = 0
 
 

@@ -60,8 +60,19 @@ def rule_checks(
     if budget.one_per_mount:
         full = [f"mount {m} holds {n}" for m, n in Counter(mounts).items() if n > 1]
         checks.append(none_of("budget.one_per_mount", full))
+    if budget.groups:
+        crowded = [
+            f"groups[{g}] holds {n}"
+            for g, group in enumerate(budget.groups)
+            if (n := sum(mount in group for mount in mounts)) > 1
+        ]
+        checks.append(none_of("budget.groups", crowded))
     if budget.separation_m > 0.0:
         checks.append(_separation(candidates, sorted(set(mounts)), budget.separation_m))
+    if budget.money is not None and constraints.cost is not None:
+        spent = math.fsum(constraints.cost[i] for i in chosen)
+        limit = budget.money * (1.0 + 1e-9)
+        checks.append(Check("budget.money", spent <= limit, f"at most {budget.money:.10g}", spent))
     return checks
 
 
@@ -76,7 +87,11 @@ def _separation(candidates: Candidates, mounts: Sequence[int], separation_m: flo
 
 
 def camera_checks(
-    candidates: Candidates, selected: Sequence[int], rows: Any, name: str
+    candidates: Candidates,
+    constraints: Constraints,
+    selected: Sequence[int],
+    rows: Any,
+    name: str,
 ) -> list[Check]:
     """Check each recorded camera against the candidate that it is said to be."""
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
@@ -84,7 +99,7 @@ def camera_checks(
     checks = [same(f"{name}.count", len(selected), len(rows))]
     faults: list[str] = []
     for n, (i, row) in enumerate(zip(selected, rows, strict=False)):
-        for key, wanted in expected_camera(candidates, i).items():
+        for key, wanted in expected_camera(candidates, constraints, i).items():
             got = row.get(key)
             if not _agrees(key, wanted, got):
                 faults.append(f"[{n}].{key} is {got!r}, wanted {wanted!r}")
@@ -92,11 +107,14 @@ def camera_checks(
     return checks
 
 
-def expected_camera(candidates: Candidates, i: int) -> dict[str, Any]:
+def expected_camera(candidates: Candidates, constraints: Constraints, i: int) -> dict[str, Any]:
     """Return what `solution.json` must say of candidate i."""
     from placement.referee.values import eyes_of
 
     eye = eyes_of(candidates, [i])[0]
+    named = any(kind.name for kind in candidates.kinds)
+    kind = {"type": candidates.kinds[int(candidates.kind[i])].name} if named else {}
+    cost = {} if constraints.cost is None else {"cost": float(constraints.cost[i])}
     return {
         "mount": int(candidates.mount[i]),
         "x_m": eye.x_m,
@@ -107,6 +125,8 @@ def expected_camera(candidates: Candidates, i: int) -> dict[str, Any]:
         "hfov_deg": float(np.degrees(eye.hfov_rad)),
         "vfov_deg": float(np.degrees(eye.vfov_rad)),
         "projection": eye.projection,
+        **kind,
+        **cost,
     }
 
 

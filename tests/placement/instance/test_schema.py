@@ -96,7 +96,7 @@ def test_a_curvature_is_a_number_or_runs_between_two() -> None:
         (
             {"budget": {"forbidden": [{}]}},
             "budget.forbidden[0] must give at least one of mount, height_m, yaw_deg, pitch_deg, "
-            "fov_deg, got {}",
+            "fov_deg, type, got {}",
         ),
         (
             {"road": {}},
@@ -172,4 +172,4 @@ def test_every_key_of_the_design_is_known() -> None:
         "errors"
     ]
     assert {"polygons", "height_m", "file"} == keys["obstacles"]
-    assert {"spacing_m", "side_offset_m", "sides", "height_m", "file"} == keys["mounts"]
+    assert {"spacing_m", "side_offset_m", "sides", "height_m", "cost", "file"} == keys["mounts"]
