@@ -86,12 +86,24 @@ def validate(
     runs: Runs = 200,
     seed: Seed = 0,
     plant: Plant = "kinematic",
+    latency: Annotated[float, typer.Option(help="Seconds a measurement comes late.")] = 0.0,
+    missed: Annotated[float, typer.Option(help="Share of detections that fail.")] = 0.0,
+    false: Annotated[float, typer.Option(help="Share of frames with a false position.")] = 0.0,
     quiet: Quiet = False,
 ) -> None:
     """Drive the placement in FOLDER in a closed loop, many times, and record what happens."""
     from placement import commands
 
-    commands.validate_in(folder, runs=runs, seed=seed, plant=plant, quiet=quiet)
+    commands.validate_in(
+        folder,
+        runs=runs,
+        seed=seed,
+        plant=plant,
+        latency_s=latency,
+        missed=missed,
+        false=false,
+        quiet=quiet,
+    )
 
 
 @app.command()

@@ -86,9 +86,19 @@ def solve_into(
 
 
 def validate_in(
-    folder: Path, *, runs: int, seed: int, plant: str = "kinematic", quiet: bool = False
+    folder: Path,
+    *,
+    runs: int,
+    seed: int,
+    plant: str = "kinematic",
+    latency_s: float = 0.0,
+    missed: float = 0.0,
+    false: float = 0.0,
+    quiet: bool = False,
 ) -> None:
     """Drive the placement in `folder` in a closed loop and add what happened to the folder.
+
+    `latency_s`, `missed`, `false`: as in `models.simulation.Settings`.
 
     Raises:
         ValueError: for bad input; nothing is written then.
@@ -108,7 +118,15 @@ def validate_in(
         solution = stored.solution(scene.problem)
         started = time.monotonic()
         validation = validate(
-            scene, solution.selected, runs=runs, seed=seed, plant=plant, progress=report
+            scene,
+            solution.selected,
+            runs=runs,
+            seed=seed,
+            plant=plant,
+            latency_s=latency_s,
+            missed=missed,
+            false=false,
+            progress=report,
         )
         seconds = time.monotonic() - started
         report("writing", None)
