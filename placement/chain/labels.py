@@ -59,12 +59,14 @@ def search_labels(
     beat: float,
     margin: float,
     width: int,
+    most: int = MOST_LABELS,
 ) -> Outcome:
     """Look for a placement of at most `budget` nodes whose score exceeds `beat`.
 
     `prices` are second-order values over the same windows and arcs, `B` (n, budget + 1) the
     first-order values to go. An arc that is missing between overlapping windows is taken as
-    proven useless. Whatever is found must in turn be beaten by `margin`.
+    proven useless. Whatever is found must in turn be beaten by `margin`. A pass that would make
+    more than `most` labels stops, and has then given up everything.
     """
     n = len(windows)
     after_arc = np.array([p.after_arc for p in prices]).T.reshape(len(arcs), len(prices))
@@ -74,7 +76,7 @@ def search_labels(
     # Candidates without a group get one of their own.
     free = windows.group.max(initial=-1) + 1 + np.arange(n)
     _, group = np.unique(np.where(windows.group < 0, free, windows.group), return_inverse=True)
-    room = ROOM
+    room = min(ROOM, most)
     while True:
         node, parent = np.empty(room, np.int32), np.empty(room, np.int32)
         score = np.empty(room)
@@ -104,9 +106,9 @@ def search_labels(
             parent,
             score,
         )
-        if made < room or room >= MOST_LABELS:
+        if made < room or room >= most:
             break
-        room = min(MOST_LABELS, room * 4)
+        room = min(most, room * 4)
     path: list[int] = []
     at = best
     while at >= 0:

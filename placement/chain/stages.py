@@ -13,7 +13,7 @@ import numpy as np
 from models.geometry import BoolArray, FloatArray, IntArray
 from placement.chain import first_order, second_order
 from placement.chain.first_order import NONE
-from placement.chain.labels import Outcome, search_labels
+from placement.chain.labels import MOST_LABELS, Outcome, search_labels
 from placement.chain.pairs import Arcs, pair_arcs, restricted_arcs
 from placement.chain.second_order import Priced
 from placement.chain.windows import Windows
@@ -95,10 +95,12 @@ def marginal_price(stage: Stage) -> float:
     return max(0.0, float(best[stage.budget] - best[stage.budget - 1])) if stage.budget else 0.0
 
 
-def label_pass(stage: Stage, beat: float, margin: float, width: int) -> Outcome:
+def label_pass(
+    stage: Stage, beat: float, margin: float, width: int, most: int = MOST_LABELS
+) -> Outcome:
     """Search the stage by labels; the path found is in the numbers of the stage's windows."""
     prices = list(stage.prices)
-    return search_labels(stage.windows, stage.arcs, prices, stage.B, beat, margin, width)
+    return search_labels(stage.windows, stage.arcs, prices, stage.B, beat, margin, width, most)
 
 
 def _through_arcs(stage: Stage) -> FloatArray:

@@ -20,6 +20,7 @@ import numpy as np
 
 from models.geometry import FloatArray, IntArray
 from placement.chain import second_order
+from placement.chain.labels import MOST_LABELS
 from placement.chain.segments import improve_by_stretches
 from placement.chain.stages import (
     Stage,
@@ -42,11 +43,15 @@ TOLERANCE = 1e-7
 WIDTHS = (10, 100, 1_000, 10_000, 100_000)
 STRETCHES = (10, 16)
 # Weights of the windows' centres, by which candidates are ordered: see `windows.reordered`.
-POWERS = (1.0, 0.3, 0.6, 0.15, 0.45, 1.0)
-PRICE_WIDTH = 0.02  # how finely to look for the best price
+# The first order is bounded by power 1, its best; these are for the second.
+POWERS = (0.3, 0.6, 0.15, 0.45)
+FIRST_SPREAD, NEXT_SPREAD = (0.7, 1.05), (0.96, 1.04)  # where to look for the best price
+PRICE_WIDTH = 0.02  # and how finely
+STEP_S = 2e-6  # a guess at the seconds an arc takes in one sweep, until it is measured
 PRICE_SHARES = (1.0, 0.97, 0.93, 1.03)
 MOST_PAIRS = 60_000_000  # a gigabyte of arcs: beyond it only greedy's bound is given
 LEAVE_TIME_S = 0.3
+FIRST_RATE = 200_000.0  # labels a second, before it is measured; most machines do more
 
 
 def solve_chain(problem: Problem, run: Run) -> Proposal:
@@ -106,19 +111,20 @@ class ChainSearch:
         self._offer(windows.candidate[first_path(stage)], polishing=True)
         if self._proven() or self._out_of_time():
             return self._proven()
-        return self._orders(windows)
+        return self._orders(windows, stage)
 
-    def _orders(self, windows: Windows) -> bool:
+    def _orders(self, windows: Windows, stage: Stage) -> bool:
         """Bound in one order after another, leaving out candidates for good; then search.
 
         That no better placement holds a candidate is true whatever order proved it, so each order
         starts from what the last one left.
         """
-        # Half the time at most for the placement: the rest is for the bound.
-        half = 0.5 * self.run.remaining()
+        # A third of the time at most for the placement: the rest is for the bound.
+        rest = 0.67 * self.run.remaining()
         for cameras in STRETCHES:
-            self._improve(windows, cameras, half if np.isfinite(half) else 0.0)
-        left, price = windows, 0.0
+            self._improve(windows, cameras, rest if np.isfinite(rest) else 0.0)
+        price = marginal_price(stage)
+        left = self._eliminated(stage).windows
         best: tuple[float, float] = (np.inf, POWERS[0])
         for power in POWERS:
             before = len(left)
@@ -149,7 +155,9 @@ class ChainSearch:
         stage = first_stage(windows, min(self._budget, len(windows)))
         self._publish(stage.bound, f"chain, first order, power {power}")
         stage = self._eliminated(stage)
-        price = self._best_price(stage, price)
+        # The first order's price is a rough guess, another order's a good one.
+        spread = FIRST_SPREAD if power == POWERS[0] else NEXT_SPREAD
+        price = self._best_price(stage, price, spread)
         stage = self._priced(stage, price)
         return stage.windows, price, stage.bound
 
@@ -167,36 +175,45 @@ class ChainSearch:
 
     def _labels(self, stage: Stage) -> bool:
         """Search by labels, each pass wider than the last, until none is given up."""
-        # A pass cannot be interrupted: a guess at the first, from its arcs; then from the last.
-        expected_s = 1e-5 * len(stage.arcs)
+        rate = FIRST_RATE
         for width in WIDTHS:
-            if self._out_of_time(expected_s):
+            if self._out_of_time():
                 return False
+            # A pass cannot be interrupted, only kept small: so many labels as there is time for,
+            # a third of them lost to starting again with more room.
+            time_s = max(0.0, self.run.remaining() - LEAVE_TIME_S)
+            most = int(min(MOST_LABELS, 0.6 * rate * time_s)) + 1
             began = time.monotonic()
             self.run.progress(f"labels, {width} a camera", None)
-            found = label_pass(stage, self._beat(), TOLERANCE * self.score, width)
+            found = label_pass(stage, self._beat(), TOLERANCE * self.score, width, most)
             self.stats["labels"] = found.labels
-            expected_s = 6.0 * (time.monotonic() - began)
+            if found.labels > 10_000:
+                rate = found.labels / (time.monotonic() - began)
             left = max(found.given_up, self._beat())
             if stage.windows.wraps:
                 left = max(left, found.score)
             self._publish(left, f"chain, labels of width {width}")
             if found.path.size:
                 self._offer(stage.windows.candidate[found.path], polishing=True)
-            if self._proven() or not np.isfinite(found.given_up):
+            if not np.isfinite(found.given_up):
+                return most > MOST_LABELS  # out of memory, or else out of time
+            if self._proven():
                 break
             if found.given_up <= self._beat():
                 break  # what is unproven lies in the cut of a closed path, not in the width
             stage = self._eliminated(stage)
         return True
 
-    def _best_price(self, stage: Stage, guess: float) -> float:
+    def _best_price(self, stage: Stage, guess: float, spread: tuple[float, float]) -> float:
         """Find the price of least second-order bound by golden section.
 
         The bound is convex in the price. Every bound on the way is published, every path offered.
         """
-        price = guess if guess > 0.0 else marginal_price(stage)
-        low, high = (0.9 * price, 1.1 * price) if guess > 0.0 else (0.5 * price, 1.05 * price)
+        price, low, high = guess, spread[0] * guess, spread[1] * guess
+        if not self._step_s:
+            self._step_s = STEP_S * len(stage.arcs)
+        if self._short():
+            return price
         ratio = (np.sqrt(5.0) - 1.0) / 2.0
         seen: dict[float, float] = {}
 
