@@ -58,7 +58,9 @@ def solve(
         "auto"
     ),
     objective: Annotated[str | None, typer.Option(help="Instead of objective.kind.")] = None,
-    budget: Annotated[str | None, typer.Option(help="Instead of budget.cameras.")] = None,
+    budget: Annotated[
+        str | None, typer.Option(help="Instead of budget.cameras: K, or A:B for a curve.")
+    ] = None,
     time_limit: Annotated[float, typer.Option(help="Seconds the solver may take.")] = float("inf"),
     seed: Seed = 0,
     quiet: Quiet = False,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -16,6 +16,7 @@ from placement.solution import Solution, Status
 
 if TYPE_CHECKING:
     from placement.assemble import Scene
+    from placement.budget_curve import BudgetCurve
     from placement.prediction import Prediction
     from placement.validation import Validation
 
@@ -47,6 +48,9 @@ def solve_into(
 ) -> Status:
     """Solve the instance `source` (a TOML file or a shipped name) and write the results to `out`.
 
+    A `budget` A:B solves every budget from A to B: the folder holds the solution of the last, and
+    the curve of all.
+
     Raises:
         ValueError: for bad input; nothing is written then.
     """
@@ -55,8 +59,13 @@ def solve_into(
     changes: dict[str, Any] = {}
     if objective is not None:
         changes["objective.kind"] = objective
+    budgets: tuple[int, int] | None = None
     if budget is not None:
-        changes["budget.cameras"] = _count(budget)
+        if ":" in budget:
+            from placement.budget_curve import parse_budgets
+
+            budgets = parse_budgets(budget)
+        changes["budget.cameras"] = _count(budget) if budgets is None else budgets[1]
     instance = load_instance(source)
     if changes:
         instance = instance.changed(changes)
@@ -68,18 +77,32 @@ def solve_into(
         from placement.solve import solve
 
         scene = assemble(instance)
-        solution = solve(
-            scene.problem,
-            method,
-            time_limit_s=time_limit_s,
-            seed=seed,
-            progress=report,
-        )
+        curve: dict[str, Content] = {}
+        if budgets is None:
+            solution = solve(
+                scene.problem,
+                method,
+                time_limit_s=time_limit_s,
+                seed=seed,
+                progress=report,
+            )
+        else:
+            from placement.budget_curve import budget_curve
+
+            found = budget_curve(
+                scene.problem,
+                *budgets,
+                method,
+                time_limit_s=time_limit_s,
+                seed=seed,
+                progress=report,
+            )
+            solution, curve = found.solutions[-1], _curve_files(found)
         report("writing", None)
         prediction = None
         if solution.status.has_placement:
             prediction = predict(scene, solution.selected)
-        _write(out, scene, solution, prediction, None)
+        _write(out, scene, solution, prediction, None, curve)
     if not quiet:
         _say(_solution_lines(solution, out))
     return solution.status
@@ -160,11 +183,12 @@ def _write(
     solution: Solution,
     prediction: Prediction | None,
     validation: Validation | None,
+    more: Mapping[str, Content] | None = None,
 ) -> None:
     """Gather every file, ours and those that other rooms add, and write them in one go."""
     from placement.output import solution_files, validation_files
 
-    files: dict[str, Content] = {}
+    files: dict[str, Content] = dict(more or {})
     if validation is None:
         files |= solution_files(scene, solution, prediction)
     else:
@@ -176,8 +200,22 @@ def _write(
             files |= draw(result)
     # A new solution makes an older one's simulation and verification stale.
     driven = ["validation.csv", "validation_summary.json", "consistency.png", "consistency.svg"]
-    stale = [*driven, "verification.json"] if validation is None else []
+    curves = ["budget_curve.csv", "budget_curve.png", "budget_curve.svg"]
+    old = [*driven, "verification.json", *(name for name in curves if name not in files)]
+    stale = old if validation is None else []
     write_files(folder, files, remove=stale)
+
+
+def _curve_files(curve: BudgetCurve) -> dict[str, Content]:
+    """Lay out the curve: its table, and what the group `placement.curves` draws of it."""
+    from placement.output import to_csv
+
+    files: dict[str, Content] = {"budget_curve.csv": to_csv(curve.table())}
+    if all(solution.status.has_placement for solution in curve.solutions):
+        for entry in sorted(entry_points(group="placement.curves"), key=lambda e: e.name):
+            draw: Callable[[BudgetCurve], dict[str, Content]] = entry.load()
+            files |= draw(curve)
+    return files
 
 
 def _count(budget: str) -> int:
