@@ -11,7 +11,7 @@ import csv
 import json
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -113,6 +113,9 @@ def verify_folder(
     checks.append(near("value", value, record.get("value"), VALUE_TOLERANCE * abs(value)))
     checks += _path_checks(folder, scene, sights)
     checks += certificate_checks(record, value, scene.instance.objective.kind in MAXIMISED)
+    if (folder / "budget_curve.csv").exists():
+        tell("checking the budget curve", None)
+        checks += curve_checks(folder / "budget_curve.csv", scene, candidates, constraints)
     tell("deriving a bound", None)
     trusted, bound = _bound(scene, candidates, constraints, selected, value, record, checks)
     return Verification(checks, trusted, bound)
@@ -150,6 +153,59 @@ def certificate_checks(record: Mapping[str, Any], value: float, maximise: bool) 
     wanted = "optimal" if proven else "not optimal: the gap is open"
     checks.append(Check("status", right, wanted, status))
     return checks
+
+
+def curve_checks(
+    path: Path, scene: Scene, candidates: Candidates, constraints: Constraints
+) -> list[Check]:
+    """Check every row of `budget_curve.csv`: its placement, value, bound, gap and status."""
+    maximise = scene.instance.objective.kind in MAXIMISED
+    sign = 1.0 if maximise else -1.0
+    faults: list[str] = []
+    last = {"value": -math.inf, "bound": -math.inf}
+    for n, row in enumerate(_read_csv(path)):
+        k, words = _int(row.get("k") or ""), (row.get("selected") or "").split()
+        chosen = [_int(word) for word in words]
+        if not isinstance(k, int) or not all(
+            isinstance(i, int) and 0 <= i < len(candidates) for i in chosen
+        ):
+            faults.append(f"row {n}: k and selected must be whole numbers")
+            continue
+        indices = [i for i in chosen if isinstance(i, int)]
+        allowed = replace(constraints, budget=k)
+        rules = rule_checks(scene.instance, candidates, allowed, indices)
+        faults += [f"row {n}: {check.name}: {check.got}" for check in rules if not check.passed]
+        value = value_of(scene, sights_of(scene, eyes_of(candidates, indices)))
+        record: dict[str, Any] = {key: _finite(row.get(key)) for key in ("value", "bound", "gap")}
+        record["upper_bound" if maximise else "lower_bound"] = record["bound"]
+        stated = near("value", value, record["value"], VALUE_TOLERANCE * abs(value))
+        record["status"] = row.get("status")
+        # The table holds ten digits, so its gaps are rounded: only large ones can be divided out.
+        if (record["gap"] or 0.0) < 1e-6:
+            record["gap"] = None
+        found = [stated, *certificate_checks(record, value, maximise)]
+        wrong = [c.name for c in found if not c.passed and (c.name != "gap" or record["gap"])]
+        faults += [f"row {n}: {name}" for name in wrong if name != "gap"]
+        if "gap" in wrong and not _gap_is_near(record):
+            faults.append(f"row {n}: gap")
+        for key in ("value", "bound"):
+            now = record[key]
+            if now is not None and sign * now < last[key] - 1e-9 * abs(now):
+                faults.append(f"row {n}: {key} is worse than with fewer cameras")
+            last[key] = sign * now if now is not None else last[key]
+    return [none_of("budget_curve.csv", faults)]
+
+
+def _gap_is_near(record: Mapping[str, Any]) -> bool:
+    value, bound, gap = record["value"], record["bound"], record["gap"]
+    if value is None or bound is None or not value:
+        return False
+    return bool(abs(abs(bound - value) / abs(value) - gap) <= 1e-8)
+
+
+def _finite(text: str | None) -> float | None:
+    number = _number(text)
+    return number if math.isfinite(number) else None
 
 
 def _headings(stored: Stored, candidates: Candidates, constraints: Constraints) -> list[Check]:

@@ -80,6 +80,17 @@ def test_the_command_writes_table_figure_and_the_last_solution(tmp_path: Path) -
     assert table["k"].tolist() == [2, 3, 4]
     assert (out / "budget_curve.png").read_bytes().startswith(b"\x89PNG")
     assert verify_folder(out).passed
+    text = (out / "budget_curve.csv").read_text()
+    first = str(table["value"][0])
+    for spoiled in (
+        text.replace(first[:6], str(float(first[:6]) * 1.5)),
+        text.replace("\n3,", "\n1,"),
+        text.replace(table["selected"][1], "0 1 2"),
+    ):
+        assert spoiled != text
+        (out / "budget_curve.csv").write_text(spoiled)
+        failed = [check.name for check in verify_folder(out).checks if not check.passed]
+        assert failed == ["budget_curve.csv"]
     solve_into(out, str(source), budget="2", method="greedy", quiet=True)
     assert not (out / "budget_curve.csv").exists()
     assert not (out / "budget_curve.png").exists()
