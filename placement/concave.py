@@ -19,6 +19,7 @@ are 1–2 % off.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -33,6 +34,8 @@ from placement.problem import Run
 from placement.restrict import narrowed
 
 NEWTON_STEPS = 25
+SECANT_STEPS = 30
+DEAR_S = 5.0  # a Hessian by differences that would take longer is not computed
 EXCHANGES = 20_000
 ROUNDS = 40
 SLACK = 1e-9  # who is left out must miss the incumbent times 1 + this
@@ -117,13 +120,19 @@ def _newton(
     objective: Relaxable, choice: Choice, x: FloatArray, tolerance: float, run: Run
 ) -> FloatArray | None:
     """Climb from `x` over few candidates until the tangent bound is within `tolerance`."""
+    started = time.monotonic()
     score, slope = objective.relaxed(x)
+    # where gradients are dear (persistent offsets: half a second), learn the curvature on the way
+    secant = (time.monotonic() - started) * x.size > DEAR_S
+    # along one axis log det(I + x M) has slope tr M and curvature −tr M², at most the square
+    curvature: FloatArray | None = -0.5 * np.diag(slope**2)
     moved = False
-    for _ in range(NEWTON_STEPS):
+    for _ in range(SECANT_STEPS if secant else NEWTON_STEPS):
         gap = float(slope[best_choice(choice, slope)[0]].sum() - slope @ x)
         if gap <= tolerance * abs(score) or run.out_of_time():
             break
-        curvature = _hessian(objective, x, slope, run)
+        if not secant:
+            curvature = _hessian(objective, x, slope, run)
         if curvature is None:
             break
         y = x.copy()
@@ -134,11 +143,24 @@ def _newton(
         exchange(
             y, slope.copy(), curvature, choice.group, mandatory, held, budget, settle, EXCHANGES
         )
-        y, new_score, new_slope = _search_line(objective, x, y, score, slope)
+        y, new_score, new_slope = _search_line(objective, x, y, score, slope, run)
         if not new_score > score:
             break
+        if secant:
+            curvature = _learnt(curvature, y - x, new_slope - slope)
         x, score, slope, moved = y, new_score, new_slope, True
     return x if moved else None
+
+
+def _learnt(curvature: FloatArray, step: FloatArray, change: FloatArray) -> FloatArray:
+    """Return the curvature after one step's change of slope (BFGS: Nocedal & Wright 2006, 6.19)."""
+    along = float(step @ change)
+    bent = curvature @ step
+    known = float(step @ bent)
+    if not (along < 0.0 and known < 0.0):
+        return curvature
+    learnt: FloatArray = curvature - np.outer(bent, bent) / known + np.outer(change, change) / along
+    return learnt
 
 
 def _hessian(objective: Relaxable, x: FloatArray, slope: FloatArray, run: Run) -> FloatArray | None:
@@ -155,7 +177,12 @@ def _hessian(objective: Relaxable, x: FloatArray, slope: FloatArray, run: Run) -
 
 
 def _search_line(
-    objective: Relaxable, x: FloatArray, y: FloatArray, score: float, slope: FloatArray
+    objective: Relaxable,
+    x: FloatArray,
+    y: FloatArray,
+    score: float,
+    slope: FloatArray,
+    run: Run,
 ) -> tuple[FloatArray, float, FloatArray]:
     """Return the point between x and y where the score stops rising, its score and gradient."""
     direction = y - x
@@ -174,7 +201,7 @@ def _search_line(
         if at_z > best[1]:
             best = (z, at_z, slope_z)
         rise = float(slope_z @ direction)
-        if abs(rise) <= 0.1 * at_start:
+        if abs(rise) <= 0.1 * at_start or run.out_of_time():
             break
         if rise > 0.0:
             low, at_low = step, rise

@@ -93,6 +93,7 @@ METHODS: dict[str, Method] = {
         "placement.solvers.tempered:solve_tempered",
         "entropy: relaxation, tempered chain bound along the road, best-first search",
         proves_bound=True,
+        keeps=_ALL,
     ),
     "hill-climb": Method(
         "placement.solvers.hill_climb:solve_hill_climb",
