@@ -285,3 +285,13 @@ def test_the_shipped_instances_have_the_candidates_they_had() -> None:
         assert instance.mounts.file is None
         if count:
             assert len(assemble(instance).candidates) == count
+
+
+@pytest.mark.parametrize("kind", ["localisation", "entropy", "trace"])
+def test_the_methods_auto_picks_keep_money(kind: str) -> None:
+    data = changed(
+        camera={"price": 2.0}, objective={"kind": kind}, budget={"money": 5.0, "cameras": 4}
+    )
+    found = solve(assemble(instance_from_dict(data)).problem, time_limit_s=5.0)
+    assert len(found.selected) == 2
+    assert found.stats["chosen"] in ("mip", "search")
