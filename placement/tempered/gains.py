@@ -238,3 +238,14 @@ def add_triple_gains(  # type: ignore[no-untyped-def]
             for t in range(start, max(high, back) + 1):
                 put6(before, t, row6(before0, t))
                 logs[t] = logs0[t]
+
+
+@njit(cache=True)
+def fill_pair_gains(into, out_of, target, triple, pairs, begin, out):  # type: ignore[no-untyped-def]
+    """Set the gains of k given h → j to those given j alone, for j ≥ begin; −∞ stays."""
+    for j in range(begin, into.size - 1):
+        for a in range(into[j], into[j + 1]):
+            for m in range(out_of[j], out_of[j + 1]):
+                at = triple[a] + m - out_of[j]
+                if out[at] > -np.inf:
+                    out[at] = pairs[j, target[m]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import time
 from collections.abc import Iterator
 
 import numba
@@ -201,6 +202,23 @@ def test_a_small_share_bounds_like_the_relaxation_and_a_whole_one_like_the_chain
         pair = objective.value(np.sort(np.array([i, j])))
         gains.append(pair - objective.value(np.array([i])))
     assert chain.bound() == pytest.approx(sum(gains), rel=1e-6)
+
+
+def test_half_a_second_order_is_a_bound_between_the_first_and_the_second() -> None:
+    for seed in (3, 12, 18, 27, 44, 50, 51):
+        objective, constraints = small_problem(seed)
+        best, _ = best_placement(objective, constraints)
+        k = max(constraints.budget, 2)
+        line = make_line(objective, constraints, np.flatnonzero(constraints.usable()))
+        first = Tempered(objective, line, k, 1.0, np.zeros(constraints.n), new_run())
+        whole = SecondOrder(first, -np.inf)
+        first.run = Run(np.random.default_rng(0), deadline=time.monotonic() + 0.9)
+        none = SecondOrder(first, -np.inf)
+        assert whole.complete
+        assert not none.complete or not line.candidate.size
+        assert whole.bound() <= none.bound() * (1.0 + 1e-6) + 1e-9
+        assert best <= whole.bound()
+        assert none.bound() == pytest.approx(first.bound(), rel=1e-6)
 
 
 def test_bounds_of_all_budgets_rise_and_hold() -> None:
