@@ -66,6 +66,10 @@ class NavigationObjective:
         """The number of candidates, c."""
         return self.drives[0].information.n_candidates
 
+    def parts(self) -> list[tuple[float, DrivePart]]:
+        """Return every drive's weight and part, for methods that work on one drive at a time."""
+        return list(self._parts)
+
     def value(self, selected: IntArray) -> float:
         """Evaluate a placement from scratch: one pass of the filter over each drive."""
         chosen = distinct(selected, self.n_candidates)

@@ -1,0 +1,135 @@
+"""The diagram's bound against every placement of thousands of tiny roads, views three deep."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from benchmarks.synthetic_drives import CAR, ROBOT, random_drive
+from placement.constraints import Constraints, count_only
+from placement.objectives.trace import Trace
+from placement.problem import Problem
+from placement.solution import Status
+from placement.solve import solve
+from placement.solvers.diagram import free_choice, white_parts
+from placement.solvers.diagram_order import below, block_join, meet_of
+from placement.solvers.diagram_passes import Diagram
+
+
+def tiny(seed: int, c: int = 7) -> tuple[Trace, int]:
+    rng = np.random.default_rng(seed)
+    drive = random_drive(
+        rng,
+        n_samples=int(rng.integers(6, 22)),
+        n_candidates=c,
+        isotropic=bool(rng.integers(2)),
+        longest_window=int(rng.integers(2, 14)),
+        odometry=CAR if rng.integers(2) else ROBOT,
+        initial_sigma=(0.1, 0.1, 0.01 * rng.integers(2)),
+        strength=float(10.0 ** rng.uniform(0.0, 4.0)),
+    )
+    return Trace([drive], ("position", "lateral")[int(rng.integers(2))]), int(rng.integers(1, 5))
+
+
+def best_value(objective: Trace, budget: int) -> float:
+    c = objective.n_candidates
+    sets = itertools.combinations(range(c), min(budget, c))
+    return min(objective.value(np.array(s, dtype=np.int64)) for s in sets)
+
+
+@pytest.mark.parametrize("block", range(4))
+def test_no_sweep_bounds_above_the_best_of_all_placements(block: int) -> None:
+    deepest, tight = 0, 0
+    for seed in range(100 * block, 100 * block + 100):
+        objective, budget = tiny(seed)
+        problem = Problem(objective, count_only(7, budget))
+        best = best_value(objective, budget)
+        (_, part) = white_parts(problem)[0]
+        diagram = Diagram(part.drive, (part.w_tt, part.w_nn), *free_choice(problem))
+        n = part.drive.n_samples
+        deepest = max(deepest, int(np.bincount(part.drive.indices).max()))
+        for probing, width, coarse, slots, limit in (
+            (True, 5, 1, 1, np.inf),
+            (False, 1, 1, 1, np.inf),
+            (False, 3, 2, 1, best * n * (1.0 + 1e-9)),
+            (False, 40, 40, 8, best * n * (1.0 + 1e-9)),
+        ):
+            diagram.sweep(
+                width, limit, lambda: False, probing=probing, coarse_width=coarse, slots=slots
+            )
+            assert diagram.bound / n <= best * (1.0 + 1e-9), (seed, width)
+        tight += diagram.bound / n >= 0.99 * best
+    assert deepest >= 4
+    assert tight >= 30  # the bound is no empty promise, though views overlap four deep
+
+
+def test_the_method_proves_optima_and_keeps_groups_and_required_poses() -> None:
+    for seed in range(12):
+        objective, budget = tiny(seed, c=9)
+        group = np.arange(9) // 2
+        constraints = Constraints(9, budget, group, np.array([4]), np.array([1]))
+        problem = Problem(objective, constraints)
+        solution = solve(problem, "diagram", time_limit_s=20.0)
+        assert solution.status.has_placement
+        allowed = [
+            s
+            for size in range(budget + 1)
+            for s in itertools.combinations(range(9), size)
+            if not constraints.violations(s)
+        ]
+        best = min(objective.value(np.array(s, dtype=np.int64)) for s in allowed)
+        assert solution.bound is not None
+        assert solution.bound <= best * (1.0 + 1e-9)
+        assert 4 in solution.selected
+
+
+def test_two_drives_are_bounded_together() -> None:
+    rng = np.random.default_rng(5)
+    drives = [random_drive(rng, 14, 6, isotropic=True) for _ in range(2)]
+    objective = Trace(drives)
+    solution = solve(Problem(objective, count_only(6, 2)), "diagram")
+    assert solution.bound is not None
+    assert solution.bound <= best_value(objective, 2) * (1.0 + 1e-9)
+
+
+def test_no_cameras_and_no_time_still_bound() -> None:
+    objective, _ = tiny(3)
+    none = solve(Problem(objective, count_only(7, 0)), "diagram")
+    assert none.status is Status.OPTIMAL
+    hurried = solve(Problem(objective, count_only(7, 3)), "diagram", time_limit_s=0.0)
+    assert hurried.bound is not None
+    assert hurried.bound <= best_value(objective, 3)
+
+
+def test_other_objectives_are_refused(new_problem) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(ValueError, match="method diagram needs the objective trace"):
+        solve(new_problem(np.random.default_rng(0)), "diagram")
+
+
+def random_covariance(rng: np.random.Generator) -> np.ndarray:
+    factor = rng.normal(size=(3, 3)) * np.array([[1.0], [0.3], [0.01]])
+    return factor @ factor.T
+
+
+def six(p: np.ndarray) -> np.ndarray:
+    return p[np.triu_indices(3)]
+
+
+def test_meet_and_join_lie_on_their_sides_of_both() -> None:
+    rng = np.random.default_rng(0)
+    scale = np.diag([1.0, 1.0 / 0.3, 100.0])
+    upper = np.triu_indices(3)
+    for _ in range(300):
+        a, b = random_covariance(rng), random_covariance(rng)
+        low = np.zeros((3, 3))
+        low[upper] = meet_of(six(a), six(b), 1e-9 * six(a) * 0.0)
+        low = low + low.T - np.diag(np.diag(low))
+        for other in (a, b):
+            assert np.linalg.eigvalsh(scale @ (other - low) @ scale).min() >= -1e-8
+        assert below(tuple(six(a)), tuple(six(1.001 * a)), 1.0)
+        assert not below(tuple(six(1.001 * a)), tuple(six(a)), 1.0)
+        c, d = (m[:2, :2] for m in (a, b))
+        j = np.array(block_join(c[0, 0], c[0, 1], c[1, 1], d[0, 0], d[0, 1], d[1, 1]))
+        join = np.array([[j[0], j[1]], [j[1], j[2]]])
+        for other in (c, d):
+            assert np.linalg.eigvalsh(join - other).min() >= -1e-9
