@@ -22,8 +22,8 @@ def solve_auto(problem: Problem, run: Run) -> Proposal:
     chosen = "chain" if isinstance(problem.objective, Localisation) else "search"
     if isinstance(problem.objective, Entropy):
         chosen = "tempered"
-    if problem.constraints.beyond_matroid():  # neither chain knows money or separation
-        chosen = {"chain": "mip", "tempered": "search"}.get(chosen, chosen)
+    if chosen == "chain" and problem.constraints.beyond_matroid():
+        chosen = "mip"  # the chain knows neither money nor separation
     module = importlib.import_module(f"placement.solvers.{chosen}")
     proposal: Proposal = getattr(module, f"solve_{chosen}")(problem, run)
     return replace(proposal, stats={**proposal.stats, "chosen": chosen})

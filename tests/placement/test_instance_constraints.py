@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -287,11 +288,31 @@ def test_the_shipped_instances_have_the_candidates_they_had() -> None:
             assert len(assemble(instance).candidates) == count
 
 
+@pytest.mark.parametrize("extra", [{"money": 5.0}, {"separation_m": 45.0}])
 @pytest.mark.parametrize("kind", ["localisation", "entropy", "trace"])
-def test_the_methods_auto_picks_keep_money(kind: str) -> None:
+def test_the_methods_auto_picks_keep_money_and_separation(
+    kind: str, extra: dict[str, float]
+) -> None:
     data = changed(
-        camera={"price": 2.0}, objective={"kind": kind}, budget={"money": 5.0, "cameras": 4}
+        mounts={"sides": ["left"]},
+        camera={"price": 2.0},
+        objective={"kind": kind},
+        budget={**extra, "cameras": 3},
     )
-    found = solve(assemble(instance_from_dict(data)).problem, time_limit_s=5.0)
-    assert len(found.selected) == 2
-    assert found.stats["chosen"] in ("mip", "search")
+    problem = assemble(instance_from_dict(data)).problem
+    rules, f = problem.constraints, problem.objective
+    sign = 1.0 if f.maximise else -1.0
+    best = max(
+        sign * f.value(np.array(chosen))
+        for size in (1, 2, 3)
+        for chosen in itertools.combinations(range(f.n_candidates), size)
+        if not rules.violations(chosen)
+    )
+    found = solve(problem, time_limit_s=20.0)
+    assert rules.violations(found.selected) == []
+    assert found.status in ("optimal", "feasible"), found.stats
+    assert sign * found.value <= best + 1e-9 * abs(best)
+    if found.bound is not None:
+        assert sign * found.bound >= best - 1e-12 * abs(best)
+    if found.status == "optimal":
+        assert sign * found.value == pytest.approx(best, rel=1e-6)

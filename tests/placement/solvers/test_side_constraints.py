@@ -15,6 +15,8 @@ from placement.solution import Status
 from placement.solve import METHODS, solve
 
 ABLE = [name for name, method in METHODS.items() if len(method.keeps) == 2]
+# Made for one objective, and not the one these problems have.
+OTHERS = {"tempered", "diagram"}
 NewProblem = Callable[..., Problem]
 BruteForce = Callable[[Problem], tuple[float, tuple[int, ...]]]
 
@@ -48,7 +50,7 @@ def draw(new_problem: NewProblem, seed: int, kind: str) -> Problem:
 
 
 @pytest.mark.parametrize("kind", ["money", "separation", "both"])
-@pytest.mark.parametrize("method", ABLE)
+@pytest.mark.parametrize("method", [name for name in ABLE if name not in OTHERS])
 def test_values_and_bounds_enclose_the_best_placement(
     new_problem: NewProblem, brute_force: BruteForce, method: str, kind: str
 ) -> None:
