@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated
@@ -28,6 +30,16 @@ Runs = Annotated[int, typer.Option(min=1, max=1_000_000, help="Closed-loop Monte
 Plant = Annotated[str, typer.Option(help="The simulated car: kinematic or single-track.")]
 
 
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Turn Ctrl-C outside a solver into one line and an exit code; inside, solvers see to it."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo("placement: interrupted; nothing was written", err=True)
+        raise typer.Exit(EXIT_UNSOLVED) from None
+
+
 def main() -> None:
     """Run the command line; bad input is one line a problem on stderr and exit code 2."""
     warnings.showwarning = lambda message, *_where, **_more: _complain(f"warning: {message}")
@@ -35,7 +47,7 @@ def main() -> None:
         entry.load()(app)
     try:
         app()
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, ArithmeticError, RecursionError) as error:
         if os.environ.get("PLACEMENT_DEBUG"):
             raise
         for problem in getattr(error, "problems", None) or [str(error)]:
@@ -68,16 +80,17 @@ def solve(
     """Choose cameras for INSTANCE and prove how good the choice is."""
     from placement import commands
 
-    status = commands.solve_into(
-        out,
-        instance,
-        method=method,
-        objective=objective,
-        budget=budget,
-        time_limit_s=time_limit,
-        seed=seed,
-        quiet=quiet,
-    )
+    with interruptible():
+        status = commands.solve_into(
+            out,
+            instance,
+            method=method,
+            objective=objective,
+            budget=budget,
+            time_limit_s=time_limit,
+            seed=seed,
+            quiet=quiet,
+        )
     if not status.has_placement:
         raise typer.Exit(EXIT_UNSOLVED)
 
@@ -96,16 +109,17 @@ def validate(
     """Drive the placement in FOLDER in a closed loop, many times, and record what happens."""
     from placement import commands
 
-    commands.validate_in(
-        folder,
-        runs=runs,
-        seed=seed,
-        plant=plant,
-        latency_s=latency,
-        missed=missed,
-        false=false,
-        quiet=quiet,
-    )
+    with interruptible():
+        commands.validate_in(
+            folder,
+            runs=runs,
+            seed=seed,
+            plant=plant,
+            latency_s=latency,
+            missed=missed,
+            false=false,
+            quiet=quiet,
+        )
 
 
 @app.command()

@@ -202,6 +202,8 @@ def _write(
     driven = ["validation.csv", "validation_summary.json", "consistency.png", "consistency.svg"]
     curves = ["budget_curve.csv", "budget_curve.png", "budget_curve.svg"]
     old = [*driven, "verification.json", *(name for name in curves if name not in files)]
+    if prediction is None:  # no placement: nothing of an earlier one may stay beside its record
+        old += ["placements.csv", "along_path.csv", "map.png", "map.svg", "index.html"]
     stale = old if validation is None else []
     write_files(folder, files, remove=stale)
 

@@ -44,19 +44,22 @@ class Stored:
             raise ValueError(f"solution.json: selected is not a placement: {'; '.join(broken)}")
         objective = problem.objective
         bound = self.record.get("upper_bound" if objective.maximise else "lower_bound")
-        return Solution(
-            objective=objective.name,
-            unit=objective.unit,
-            maximise=objective.maximise,
-            method=str(self.record["method"]),
-            status=Status(self.record["status"]),
-            selected=self.selected,
-            value=objective.value(np.array(self.selected, dtype=np.int64)),
-            bound=None if bound is None else float(bound),
-            seconds=float(self.record["seconds"]),
-            seed=int(self.record["seed"]),
-            stats=dict(self.record["stats"]),
-        )
+        try:
+            return Solution(
+                objective=objective.name,
+                unit=objective.unit,
+                maximise=objective.maximise,
+                method=str(self.record["method"]),
+                status=Status(self.record["status"]),
+                selected=self.selected,
+                value=objective.value(np.array(self.selected, dtype=np.int64)),
+                bound=None if bound is None else float(bound),
+                seconds=float(self.record["seconds"]),
+                seed=int(self.record["seed"]),
+                stats=dict(self.record["stats"]),
+            )
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            raise ValueError(f"solution.json: a field is missing or damaged ({error!r})") from None
 
 
 def solution_files(
@@ -190,13 +193,13 @@ def read_folder(folder: Path, *, check_hash: bool = True) -> Stored:
         claimed = record["instance_sha256"]
     except InstanceError as error:
         raise ValueError(f"{folder / 'instance.json'}: {error}") from None
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{folder}: not a solution folder ({error!r})") from None
     if check_hash and instance.sha256() != claimed:
         raise ValueError(
             f"{folder}: the instance or a file it refers to changed since it was solved"
         )
-    if record.get("status") not in {str(s) for s in Status if s.has_placement}:
+    if str(record.get("status")) not in {str(s) for s in Status if s.has_placement}:
         raise ValueError(f"{folder}: status is {record.get('status')}, so there is no placement")
     return Stored(instance, selected, record)
 
