@@ -14,7 +14,7 @@ from placement.instance import load_instance
 from placement.solve import solve
 
 HEADER = (
-    "| odometry | weight | k | greedy + swaps, m² | best found, m² | lower bound, m² | gap | status "
+    "| odometry | weight | k | swaps, m² | best found, m² | lower bound, m² | gap | status "
     "| seconds |\n| --- | --- | --- | --- | --- | --- | --- | --- | --- |\n"
 )
 
