@@ -19,6 +19,7 @@ from placement.solvers.diagram_order import block_below, block_join
 # Mirrored cameras differ by the rounding of float32 storage. One stands in for the other if it is
 # no worse to this (relative), and every candidate that is kept is made better by as much.
 TWINS = 5e-7
+FAMILIES = 8  # cameras of one last sample that are told apart inside clusters
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,13 +28,16 @@ class Moves:
 
     candidate (v,): who it is. ptr (v + 1,): its rows of `blocks` (n, 3), one a sample from its
     first to its last, zero where it is blind in between. at (t + 1,): the moves that start at
-    sample t are at[t]…at[t + 1] − 1. span: the longest window in samples.
+    sample t are at[t]…at[t + 1] − 1. family (v,): 0, 1, … among the cameras of one last sample,
+    less than `families`. span: the longest window in samples.
     """
 
     candidate: IntArray
     ptr: IntArray
     blocks: FloatArray
     at: IntArray
+    family: IntArray
+    families: int
     span: int
 
 
@@ -44,7 +48,7 @@ def make_moves(drive: WhiteDrive, usable: BoolArray) -> Moves:
     t = drive.n_samples
     if not keep.size:
         zeros = np.zeros(t + 1, dtype=np.int64)
-        return Moves(keep, zeros[:1], np.zeros((0, 3)), zeros, 0)
+        return Moves(keep, zeros[:1], np.zeros((0, 3)), zeros, zeros[:0], 1, 0)
     first = drive.indices[drive.indptr[keep]].astype(np.int64)
     last = drive.indices[drive.indptr[keep + 1] - 1].astype(np.int64)
     order = np.argsort(first, kind="stable")
@@ -55,7 +59,11 @@ def make_moves(drive: WhiteDrive, usable: BoolArray) -> Moves:
         row = slice(drive.indptr[i], drive.indptr[i + 1])
         dense[ptr[v] + drive.indices[row] - first[v]] = (1.0 + TWINS) * blocks[row]
     at = np.searchsorted(first, np.arange(t + 1))
-    return Moves(keep, ptr, dense, at, int(np.max(last - first) + 1))
+    family = np.zeros_like(last)
+    by_last = np.argsort(last, kind="stable")
+    starts = np.searchsorted(last[by_last], last[by_last])
+    family[by_last] = (np.arange(last.size) - starts) % FAMILIES
+    return Moves(keep, ptr, dense, at, family, int(family.max()) + 1, int(np.max(last - first) + 1))
 
 
 def floor_information(drive: WhiteDrive, usable: BoolArray, budget: int) -> FloatArray:

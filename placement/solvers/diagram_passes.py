@@ -17,7 +17,7 @@ from placement.solvers.diagram_moves import Moves, floor_information, make_moves
 
 CHUNK = 4  # samples swept between looks at the clock
 ROUNDING = 1e-8  # relative; what bounds give up for rounding along the sweep
-NODES, ARCS, POOL = 6_000_000, 20_000_000, 1_000_000  # committed by the system as they fill
+NODES, ARCS, POOL = 12_000_000, 40_000_000, 1_000_000  # committed by the system as they fill
 # What labels inside clusters may hold: (cameras + 1)·span², some 3 kB each at eight slots.
 MOST_PENDING = 400_000
 EPSILON = 1e-4  # the least ratio between labels that are merged
@@ -119,7 +119,7 @@ class Diagram:
         pool_parent = np.empty(POOL, dtype=np.int64)
         pool_move = np.empty(POOL, dtype=np.int64)
         pool_float = np.empty((POOL, 9))
-        n_slots = 2 * sweep.CLASSES * (k + 1) * (moves.span + 1) * slots
+        n_slots = 2 * sweep.CLASSES * moves.families * (k + 1) * (moves.span + 1) * slots
         pend_node = np.full(n_slots, -1, dtype=np.int64)
         pend_cost, pend_near, pend_p = np.empty(n_slots), np.empty(n_slots), np.empty((n_slots, 6))
         pend_second = np.zeros(n_slots, dtype=np.int64)
@@ -156,6 +156,8 @@ class Diagram:
                 moves.ptr,
                 moves.blocks,
                 moves.at,
+                moves.family,
+                moves.families,
                 moves.span,
                 threshold,
                 width,
