@@ -46,7 +46,7 @@ check: lint types test  ## everything CI runs
 lock:  ## resolve anew (needs uv); the lock names no registry host, so any index or mirror serves it
 	uv lock --upgrade
 	sed -E -i 's#registry = "[^"]*"#registry = ".wheels"#; s#\{ url = "[^"]*/([^"/]+)"#{ path = "\1"#' uv.lock
-	uv export --frozen --all-extras --no-emit-project --no-header --output-file requirements.lock > /dev/null
+	uv export --frozen --extra dev --extra cluster --no-emit-project --no-header --output-file requirements.lock > /dev/null
 
 clean:  ## remove the environment and every output
 	rm -rf $(VENV) out .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -29,7 +29,7 @@ from placement.information import Information
 from placement.instance import load_instance
 from placement.objectives.entropy import Entropy
 from placement.objectives.navigation_chain import Drive
-from placement.objectives.window_dense import DenseDrive
+from placement.objectives.windows.dense import DenseDrive
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,7 @@ from placement.objectives.entropy import Entropy, WhiteEntropyMessages
 from placement.objectives.navigation import NavigationObjective, WhiteDrive
 from placement.objectives.navigation_chain import Drive
 from placement.objectives.trace import Trace
-from placement.objectives.window_filter import filter_forward
+from placement.objectives.windows.filter import filter_forward
 
 REPEATS = 3
 INITIAL_SIGMA = (0.1, 0.1, 0.01)

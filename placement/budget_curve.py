@@ -21,7 +21,7 @@ import numpy as np
 import pandas as pd
 
 from models.geometry import FloatArray
-from placement.linear import most_sum
+from placement.bounds.linear import most_sum
 from placement.problem import Problem
 from placement.solution import OPTIMAL_GAP, Solution, Status
 from placement.solve import outwards, solve

@@ -12,7 +12,7 @@ from placement.assemble import Scene, build_odometry
 from placement.objectives.navigation import WhiteDrive
 from placement.objectives.navigation_chain import Drive
 from placement.objectives.navigation_offsets import Forward, OffsetDrive
-from placement.objectives.window_filter import empty_messages, filter_forward
+from placement.objectives.windows.filter import empty_messages, filter_forward
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,13 +16,13 @@ from models.geometry import FloatArray, IntArray
 from placement.objectives.navigation import DrivePart, NavigationObjective, WhiteDrive
 from placement.objectives.navigation_chain import Drive
 from placement.objectives.navigation_offsets import OffsetEntropy
-from placement.objectives.window_entropy import (
+from placement.objectives.windows.entropy import (
     block_transfers,
     empty_transfers,
     log_det_through,
     window_gains,
 )
-from placement.objectives.window_filter import (
+from placement.objectives.windows.filter import (
     empty_messages,
     filter_forward,
     inform_backward,

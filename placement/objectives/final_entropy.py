@@ -13,9 +13,9 @@ from models.geometry import FloatArray, IntArray
 from placement.objectives.navigation import DrivePart, NavigationObjective, WhiteDrive
 from placement.objectives.navigation_chain import Drive
 from placement.objectives.navigation_offsets import OffsetFinalEntropy
-from placement.objectives.window_entropy import N_TRANSFER
-from placement.objectives.window_filter import empty_messages, filter_forward, trace_against
-from placement.objectives.window_final import (
+from placement.objectives.windows.entropy import N_TRANSFER
+from placement.objectives.windows.filter import empty_messages, filter_forward, trace_against
+from placement.objectives.windows.final import (
     LOG_2_PI_E_CUBED,
     half_inverse,
     negative_entropy,
@@ -23,7 +23,7 @@ from placement.objectives.window_final import (
     transfers_to_end,
     window_final_falls,
 )
-from placement.objectives.window_trace import filter_adjoint, position_slopes
+from placement.objectives.windows.trace import filter_adjoint, position_slopes
 
 
 class FinalEntropy(NavigationObjective):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from models.geometry import FloatArray, IntArray
 from placement.objectives.navigation_chain import Drive, checked_drives
-from placement.objectives.window_filter import add_rows
+from placement.objectives.windows.filter import add_rows
 
 
 class Messages(Protocol):

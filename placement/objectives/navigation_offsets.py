@@ -6,8 +6,8 @@ import numpy as np
 
 from models.geometry import FloatArray, IntArray
 from placement.objectives.navigation_chain import Drive
-from placement.objectives.window_final import half_inverse, negative_entropy, require_finite
-from placement.objectives.window_offset_gains import (
+from placement.objectives.windows.final import half_inverse, negative_entropy, require_finite
+from placement.objectives.windows.offset_gains import (
     offset_adjoint,
     offset_entropy_gains,
     offset_final,
@@ -15,9 +15,9 @@ from placement.objectives.window_offset_gains import (
     offset_reductions,
     offsets_through,
 )
-from placement.objectives.window_offset_information import inform_offsets
-from placement.objectives.window_offset_slopes import offset_slopes
-from placement.objectives.window_offsets import (
+from placement.objectives.windows.offset_information import inform_offsets
+from placement.objectives.windows.offset_slopes import offset_slopes
+from placement.objectives.windows.offsets import (
     filter_offsets,
     flat,
     make_plan,

@@ -18,13 +18,13 @@ from models.geometry import FloatArray, IntArray
 from placement.objectives.navigation import DrivePart, NavigationObjective, WhiteDrive
 from placement.objectives.navigation_chain import Drive
 from placement.objectives.navigation_offsets import OffsetTrace
-from placement.objectives.window_filter import (
+from placement.objectives.windows.filter import (
     empty_messages,
     filter_forward,
     inform_backward,
     trace_against,
 )
-from placement.objectives.window_trace import (
+from placement.objectives.windows.trace import (
     filter_adjoint,
     forgetting,
     leaps,

@@ -1,6 +1,6 @@
 """Prove `trace` placements by a relaxed decision diagram along the road, refined until it closes.
 
-Each sweep (`diagram_sweep`) merges fewer labels than the one before and prunes with what the
+Each sweep (`diagram.sweep`) merges fewer labels than the one before and prunes with what the
 earlier ones proved, so the lower bound rises until it meets the best placement or time is up.
 The path that attains the bound is a set of cameras; repaired and polished by swaps it is often
 better than any found by local search alone, and a better placement prunes more.
@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from models.geometry import BoolArray, IntArray
+from placement.diagram.passes import Diagram, Outcome, OutOfTime
 from placement.objectives.trace import Trace, WhiteTrace
 from placement.problem import Problem, Run
 from placement.solution import OPTIMAL_GAP, Proposal, Status
-from placement.solvers.diagram_passes import Diagram, Outcome, OutOfTime
 from placement.solvers.exchange import polish
 from placement.solvers.greedy import climb
 
@@ -112,6 +112,9 @@ class Search:
             bound, value = self.bound, self.value
             for at, (_, diagram) in enumerate(self._diagrams):
                 outcome = self._sweep(at, diagram, effort)
+                if outcome is None:  # no room: be coarser where it matters least
+                    less = Effort(effort.width, effort.coarse // 2 + 1, effort.slots // 2 + 1)
+                    outcome = self._sweep(at, diagram, less)
                 fits = fits and outcome is not None
                 if outcome is not None:
                     self._improve(outcome)

@@ -12,8 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from models.geometry import FloatArray, IntArray
+from placement.bounds.linear import best_sum, most_sum
 from placement.guarantees import greedy_guarantee
-from placement.linear import best_sum, most_sum
 from placement.objectives.base import State
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status

@@ -1,8 +1,8 @@
 """Branch-and-cut for `localisation`: exact given time, and anytime.
 
 A mixed-integer program with one level z_t for each sample and submodular and tangent cuts on it
-(`placement.cuts`), added only where violated. Each node's linear program is HiGHS's; each node's
-bound is ours (`placement.bounds.cut_bound`), as is the tree, so that `optimal` rests on no
+(`bounds.cuts`), added only where violated. Each node's linear program is HiGHS's; each node's
+bound is ours (`bounds.tangent.cut_bound`), as is the tree, so that `optimal` rests on no
 solver's tolerance. Candidates whose reduced cost exceeds the distance to the incumbent are left
 out for good: on `winding` with ten cameras 92 of 10,440 remain after the root.
 """
@@ -16,13 +16,20 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from models.geometry import FloatArray, IntArray
-from placement.bounds import cut_bound
-from placement.cut_program import CutProgram, Fraction
-from placement.cuts import CutMaker, Cuts, joined
-from placement.matroid import Choice, best_choice, restricted_choice, root_choice, using, without
+from placement.bounds.cut_program import CutProgram, Fraction
+from placement.bounds.cuts import CutMaker, Cuts, joined
+from placement.bounds.matroid import (
+    Choice,
+    best_choice,
+    restricted_choice,
+    root_choice,
+    using,
+    without,
+)
+from placement.bounds.restrict import restricted_objective
+from placement.bounds.tangent import cut_bound
 from placement.objectives.localisation import Localisation
 from placement.problem import Problem, Run
-from placement.restrict import restricted_objective
 from placement.solution import Proposal, Status
 from placement.solvers.exchange import polish
 

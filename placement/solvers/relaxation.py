@@ -19,10 +19,10 @@ import numpy as np
 from scipy import sparse
 
 from models.geometry import FloatArray, IntArray
-from placement.bounds import tangent_bound
+from placement.bounds.linear import best_sum
+from placement.bounds.matroid import root_choice
+from placement.bounds.tangent import tangent_bound
 from placement.constraints import Constraints
-from placement.linear import best_sum
-from placement.matroid import root_choice
 from placement.objectives.base import Relaxable
 from placement.objectives.localisation import Localisation
 from placement.problem import Problem, Run

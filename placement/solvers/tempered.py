@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from models.geometry import FloatArray, IntArray
-from placement.concave import best_fraction
-from placement.matroid import root_choice, without
+from placement.bounds.concave import best_fraction
+from placement.bounds.matroid import root_choice, without
 from placement.objectives.entropy import Entropy
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from models.geometry import FloatArray
-from placement.linear import best_sum
+from placement.bounds.linear import best_sum
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
 from placement.solvers.greedy import TIE

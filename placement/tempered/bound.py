@@ -33,12 +33,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.geometry import BoolArray, FloatArray, IntArray
+from placement.bounds.restrict import restricted_information
 from placement.constraints import Constraints
 from placement.objectives.entropy import Entropy
 from placement.objectives.navigation import WhiteDrive
 from placement.objectives.navigation_chain import Drive
 from placement.problem import Run
-from placement.restrict import restricted_information
 from placement.tempered import paths
 from placement.tempered.gains import add_pair_gains, add_triple_gains, fill_pair_gains
 

@@ -6,7 +6,7 @@ and candidates count with a share θ of theirs: the gain of i given j is
     g(i | j) = log det(Λ_0 + base + θ Λ_j + θ Λ_i) − log det(Λ_0 + base + θ Λ_j)
 
 over the whole trajectory, Λ_0 the odometry's information, computed over i's window alone between
-stored messages (`placement.objectives.window_entropy` has the formula and its proof).
+stored messages (`placement.objectives.windows.entropy` has the formula and its proof).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from placement.objectives.window_filter import (
+from placement.objectives.windows.filter import (
     RESCALE,
     add_rows,
     filter_forward,

@@ -15,7 +15,7 @@ from numba import njit
 
 from models.geometry import FloatArray, IntArray
 from placement.constraints import Constraints
-from placement.objectives.window_filter import add_rows, filter_forward, inform_backward
+from placement.objectives.windows.filter import add_rows, filter_forward, inform_backward
 from placement.problem import Run
 from placement.tempered.bound import SecondOrder
 from placement.tempered.gains import GAIN_ABSOLUTE, GAIN_RELATIVE, gain_over_window, walk

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from placement.bounds.linear import best_sum, most_sum
+from placement.bounds.matroid import root_choice, using
 from placement.constraints import Constraints, Infeasible, count_only
-from placement.linear import best_sum, most_sum
-from placement.matroid import root_choice, using
 
 NONE = np.empty(0, dtype=np.int64)
 

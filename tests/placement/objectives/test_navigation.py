@@ -10,7 +10,7 @@ from placement.objectives.final_entropy import FinalEntropy
 from placement.objectives.navigation import NavigationObjective
 from placement.objectives.navigation_chain import Drive
 from placement.objectives.trace import Trace
-from placement.objectives.window_dense import DenseDrive, choice
+from placement.objectives.windows.dense import DenseDrive, choice
 
 KINDS = ["entropy", "position", "lateral", "final_entropy"]
 SELECTED = np.array([3, 7, 11, 12])

@@ -6,7 +6,7 @@ from benchmarks.synthetic_drives import CAR, ROBOT, Samples, random_drive
 from models.vehicle import OdometryNoise
 from placement.information import Information
 from placement.objectives.navigation_chain import Drive, chain_steps
-from placement.objectives.window_filter import empty_messages, filter_forward
+from placement.objectives.windows.filter import empty_messages, filter_forward
 
 
 def arc_samples(n: int, length_m: float, curvature: float) -> Samples:

@@ -11,7 +11,7 @@ from placement.objectives.entropy import Entropy, WhiteEntropyMessages
 from placement.objectives.navigation import WhiteDrive
 from placement.objectives.navigation_chain import Drive
 from placement.objectives.navigation_offsets import Forward, OffsetDrive
-from placement.objectives.window_filter import smoothed_positions
+from placement.objectives.windows.filter import smoothed_positions
 
 gtsam: Any = pytest.importorskip("gtsam")
 

@@ -7,13 +7,13 @@ import pytest
 
 from benchmarks.synthetic_drives import CAR, ROBOT, random_drive
 from placement.constraints import Constraints, count_only
+from placement.diagram.order import below, block_join, meet_of
+from placement.diagram.passes import Diagram
 from placement.objectives.trace import Trace
 from placement.problem import Problem
 from placement.solution import Status
 from placement.solve import solve
 from placement.solvers.diagram import free_choice, white_parts
-from placement.solvers.diagram_order import below, block_join, meet_of
-from placement.solvers.diagram_passes import Diagram
 
 
 def tiny(seed: int, c: int = 7) -> tuple[Trace, int]:

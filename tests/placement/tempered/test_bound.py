@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.synthetic_drives import CAR, ROBOT, random_drive
-from placement.concave import best_fraction
+from placement.bounds.concave import best_fraction
+from placement.bounds.matroid import root_choice
 from placement.constraints import Constraints
-from placement.matroid import root_choice
 from placement.objectives.entropy import Entropy
 from placement.objectives.navigation_chain import Drive
 from placement.problem import Problem, Run

@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 
 from models.geometry import FloatArray
-from placement.objectives.window_filter import (
+from placement.objectives.windows.filter import (
     BLOCK,
     RESCALE,
     log_det_plus,

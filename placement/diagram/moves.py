@@ -13,8 +13,8 @@ import numpy as np
 from numba import njit
 
 from models.geometry import BoolArray, FloatArray, IntArray
+from placement.diagram.order import block_below, block_join
 from placement.objectives.navigation import WhiteDrive
-from placement.solvers.diagram_order import block_below, block_join
 
 # Mirrored cameras differ by the rounding of float32 storage. One stands in for the other if it is
 # no worse to this (relative), and every candidate that is kept is made better by as much.

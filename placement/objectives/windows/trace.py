@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from placement.objectives.window_filter import (
+from placement.objectives.windows.filter import (
     parallel,
     predict,
     pull_back,

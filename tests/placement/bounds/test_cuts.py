@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from models.geometry import FloatArray
-from placement.cuts import CutMaker, Cuts
+from placement.bounds.cuts import CutMaker, Cuts
 from placement.objectives.localisation import Localisation
 
 Make = Callable[..., Any]

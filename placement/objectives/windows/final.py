@@ -12,8 +12,8 @@ import numpy as np
 from numba import njit
 
 from models.geometry import FloatArray
-from placement.objectives.window_entropy import cross_block
-from placement.objectives.window_filter import parallel, predict, put6, row6, update
+from placement.objectives.windows.entropy import cross_block
+from placement.objectives.windows.filter import parallel, predict, put6, row6, update
 
 LOG_2_PI_E_CUBED = 3.0 * math.log(2.0 * math.pi * math.e)
 

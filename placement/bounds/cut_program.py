@@ -18,8 +18,8 @@ import highspy as _highspy
 import numpy as np
 
 from models.geometry import FloatArray, IntArray
-from placement.cuts import Cuts, joined
-from placement.matroid import Choice
+from placement.bounds.cuts import Cuts, joined
+from placement.bounds.matroid import Choice
 from placement.quiet import quiet_stdout
 
 highspy: Any = _highspy  # its stubs lack most of what it has

@@ -10,14 +10,14 @@ import numpy as np
 from numba import njit
 
 from models.geometry import BoolArray, FloatArray, IntArray
+from placement.diagram import sweep
+from placement.diagram.moves import Moves, floor_information, make_moves
 from placement.objectives.navigation import WhiteDrive
-from placement.objectives.window_filter import empty_messages, filter_forward
-from placement.solvers import diagram_sweep as sweep
-from placement.solvers.diagram_moves import Moves, floor_information, make_moves
+from placement.objectives.windows.filter import empty_messages, filter_forward
 
 CHUNK = 4  # samples swept between looks at the clock
 ROUNDING = 1e-8  # relative; what bounds give up for rounding along the sweep
-NODES, ARCS, POOL = 12_000_000, 40_000_000, 1_000_000  # committed by the system as they fill
+NODES, ARCS, POOL = 24_000_000, 80_000_000, 1_000_000  # committed by the system as they fill
 # What labels inside clusters may hold: (cameras + 1)·span², some 3 kB each at eight slots.
 MOST_PENDING = 400_000
 EPSILON = 1e-4  # the least ratio between labels that are merged
@@ -126,7 +126,7 @@ class Diagram:
         pend_blocks = np.empty((n_slots, moves.span, 3))
         node_lo, node_hi = (np.zeros((t, k + 1), dtype=np.int64) for _ in range(2))
         node_p, node_cost, node_togo = np.empty((NODES, 6)), np.empty(NODES), np.empty(NODES)
-        arc_from, arc_to, arc_move = (np.empty(ARCS, dtype=np.int64) for _ in range(3))
+        arc_from, arc_to, arc_move = (np.empty(ARCS, dtype=np.int32) for _ in range(3))
         arc_cost = np.empty(ARCS)
         bin_epsilon = np.zeros(k + 1)
         hope = np.zeros((t + 1, k + 2))

@@ -2,7 +2,7 @@
 
 No solver is believed. A conic solver gives a fractional x, a linear-programming solver gives
 multipliers; both are only *starting points* here. From them a linear function is made that lies
-above the score at every placement, and that function is maximised exactly (`placement.linear`).
+above the score at every placement, and that function is maximised exactly (`bounds.linear`).
 Sums are rounded outwards, so the bound holds for the stored information, not just nearly.
 """
 
@@ -13,10 +13,10 @@ import math
 import numpy as np
 
 from models.geometry import FloatArray
+from placement.bounds.cuts import CutMaker, Cuts
+from placement.bounds.linear import best_sum, most_sum
+from placement.bounds.matroid import Choice, best_choice, root_choice
 from placement.constraints import Constraints
-from placement.cuts import CutMaker, Cuts
-from placement.linear import best_sum, most_sum
-from placement.matroid import Choice, best_choice, root_choice
 from placement.objectives.base import Relaxable
 from placement.objectives.localisation import Localisation
 

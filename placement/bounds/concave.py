@@ -27,11 +27,11 @@ import numpy as np
 from numba import njit
 
 from models.geometry import FloatArray, IntArray
-from placement.bounds import GAIN_ERROR, sum_up
-from placement.matroid import Choice, best_choice, restricted_choice, without
+from placement.bounds.matroid import Choice, best_choice, restricted_choice, without
+from placement.bounds.restrict import narrowed
+from placement.bounds.tangent import GAIN_ERROR, sum_up
 from placement.objectives.base import Relaxable
 from placement.problem import Run
-from placement.restrict import narrowed
 
 NEWTON_STEPS = 25
 SECANT_STEPS = 30

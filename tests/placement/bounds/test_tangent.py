@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from models.geometry import FloatArray
-from placement.bounds import cut_bound, sum_up, tangent_bound
-from placement.cuts import CutMaker, joined
-from placement.matroid import best_choice, root_choice, using, without
+from placement.bounds.cuts import CutMaker, joined
+from placement.bounds.matroid import best_choice, root_choice, using, without
+from placement.bounds.tangent import cut_bound, sum_up, tangent_bound
 from placement.objectives.localisation import Localisation
 
 Make = Callable[..., Any]

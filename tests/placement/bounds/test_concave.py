@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic_drives import random_drive
-from placement import concave
-from placement.concave import best_fraction
+from placement.bounds import concave
+from placement.bounds.concave import best_fraction
+from placement.bounds.matroid import root_choice
 from placement.constraints import Constraints
-from placement.matroid import root_choice
 from placement.objectives.entropy import Entropy
 from placement.objectives.trace import Trace
 from placement.problem import Run

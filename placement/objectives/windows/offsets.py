@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from models.geometry import FloatArray, IntArray
 from placement.objectives.navigation_chain import Drive
-from placement.objectives.window_filter import predict
+from placement.objectives.windows.filter import predict
 
 
 class Views(NamedTuple):

@@ -15,8 +15,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from placement.objectives.window_offset_gains import load_before
-from placement.objectives.window_offsets import drop_unseen, pass_sample, white_block
+from placement.objectives.windows.offset_gains import load_before
+from placement.objectives.windows.offsets import drop_unseen, pass_sample, white_block
 
 
 @njit(cache=True)

@@ -1,8 +1,8 @@
-"""Gains of candidates with persistent offsets: the window walk of `window_offsets`' filter.
+"""Gains of candidates with persistent offsets: the window walk of `windows.offsets`' filter.
 
 A candidate's offsets ride along as p more states over its own window, right behind the first
 three. Entropy gains end at the window's last sample, against the stored information of later
-ones; falls of the trace are followed under the bound of `window_trace`, which holds for the
+ones; falls of the trace are followed under the bound of `windows.trace`, which holds for the
 larger state as it stands.
 """
 
@@ -13,9 +13,9 @@ import math
 import numpy as np
 from numba import njit
 
-from placement.objectives.window_filter import RESCALE
-from placement.objectives.window_offset_information import pull_rows, spread
-from placement.objectives.window_offsets import (
+from placement.objectives.windows.filter import RESCALE
+from placement.objectives.windows.offset_information import pull_rows, spread
+from placement.objectives.windows.offsets import (
     drop_unseen,
     enter_state,
     find,
@@ -27,7 +27,7 @@ from placement.objectives.window_offsets import (
     store,
     update_state,
 )
-from placement.objectives.window_trace import TAIL_TOLERANCE
+from placement.objectives.windows.trace import TAIL_TOLERANCE
 
 
 @njit(cache=True)
@@ -288,7 +288,7 @@ def offset_reductions(  # type: ignore[no-untyped-def]
 ):
     """Set out[k] to the fall of Σ_t (w_tt P_tt + w_nn P_nn)_t on adding candidate rows[k].
 
-    What the walk leaves open at its end is at most TAIL_TOLERANCE of it (`window_trace`).
+    What the walk leaves open at its end is at most TAIL_TOLERANCE of it (`windows.trace`).
     """
     p, last = views.offsets.shape[2], steps.shape[0] - 1
     enter_ptr, measure_ptr, measure_slot = plan.enter_ptr, plan.measure_ptr, plan.measure_slot

@@ -1,6 +1,6 @@
 """Backward messages with persistent offsets: what later samples tell about car and offsets.
 
-The states are those of `window_offsets`, in the same order. Going back over a sample, the offsets
+The states are those of `windows.offsets`, in the same order. Going back over a sample, the offsets
 of cameras that enter there are marginalised with their prior, the identity.
 """
 
@@ -11,8 +11,8 @@ import math
 import numpy as np
 from numba import njit
 
-from placement.objectives.window_filter import parallel
-from placement.objectives.window_offsets import find, set_initial, store, white_block
+from placement.objectives.windows.filter import parallel
+from placement.objectives.windows.offsets import find, set_initial, store, white_block
 
 
 @njit(cache=True)

@@ -29,8 +29,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from placement.objectives.window_filter import predict, update
-from placement.solvers.diagram_order import below, block_join, meet
+from placement.diagram.order import below, block_join, meet
+from placement.objectives.windows.filter import predict, update
 
 # Counters of a sweep, in an int64 array.
 NODES, ARCS, POOL, FREE, FULL, MERGES, PRUNED = range(7)

@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 import pytest
 
+from placement.bounds.linear import best_sum
 from placement.constraints import Constraints, count_only
-from placement.linear import best_sum
 
 
 @pytest.mark.parametrize("seed", range(60))

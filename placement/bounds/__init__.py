@@ -1,0 +1,1 @@
+"""Upper bounds on any placement: tangents, cuts, concave and linear relaxations."""

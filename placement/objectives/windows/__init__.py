@@ -1,0 +1,1 @@
+"""Kernels that make a gain cost its own window: stored messages from before and after it."""
