@@ -11,6 +11,7 @@ from __future__ import annotations
 import importlib
 from dataclasses import replace
 
+from placement.objectives.coverage import Coverage
 from placement.objectives.entropy import Entropy
 from placement.objectives.localisation import Localisation
 from placement.problem import Problem, Run
@@ -24,6 +25,8 @@ def solve_auto(problem: Problem, run: Run) -> Proposal:
         chosen = "tempered"
     if chosen == "chain" and problem.constraints.beyond_matroid():
         chosen = "mip"  # the chain knows neither money nor separation
+    if isinstance(problem.objective, Coverage):
+        chosen = "mip"
     module = importlib.import_module(f"placement.solvers.{chosen}")
     proposal: Proposal = getattr(module, f"solve_{chosen}")(problem, run)
     return replace(proposal, stats={**proposal.stats, "chosen": chosen})

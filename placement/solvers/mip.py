@@ -1,21 +1,26 @@
-"""Branch-and-cut for `localisation`: exact given time, and anytime.
+"""Branch-and-cut for `localisation` and `coverage`: exact given time, and anytime.
 
 A mixed-integer program with one level z_t for each sample and submodular and tangent cuts on it
 (`bounds.cuts`), added only where violated. Each node's linear program is HiGHS's; each node's
 bound is ours (`bounds.tangent.cut_bound`), as is the tree, so that `optimal` rests on no
 solver's tolerance. Candidates whose reduced cost exceeds the distance to the incumbent are left
 out for good: on `winding` with ten cameras 92 of 10,440 remain after the root.
+
+`coverage` has cuts of its own (`bounds.coverage_cuts`); where its weights are whole numbers a
+bound of 1000.7 is one of 1000, which closes most nodes.
 """
 
 from __future__ import annotations
 
 import heapq
 import itertools
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from models.geometry import FloatArray, IntArray
+from placement.bounds.coverage_cuts import CoverageCuts, merged, restricted_coverage
 from placement.bounds.cut_program import CutProgram, Fraction
 from placement.bounds.cuts import CutMaker, Cuts, joined
 from placement.bounds.matroid import (
@@ -28,6 +33,7 @@ from placement.bounds.matroid import (
 )
 from placement.bounds.restrict import restricted_objective
 from placement.bounds.tangent import cut_bound
+from placement.objectives.coverage import Coverage
 from placement.objectives.localisation import Localisation
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
@@ -43,17 +49,24 @@ WHOLE = 1e-6  # an x this near 0 or 1 is taken for it
 LEAVE_TIME_S = 0.2  # for the verb's own checks, out of the time limit
 
 
+Cuttable = Localisation | Coverage
+
+
 def solve_mip(problem: Problem, run: Run) -> Proposal:
     """Cut, fix and branch until the incumbent is proven best or time is up.
 
     Raises:
-        ValueError: for an objective other than `localisation`.
+        ValueError: for an objective other than `localisation` and `coverage`, or one of those
+            that counts shares of looks.
     """
-    if not isinstance(problem.objective, Localisation):
+    objective = problem.objective
+    if not isinstance(objective, Localisation | Coverage):
         raise ValueError(
-            f"method mip needs the objective localisation, got {problem.objective.name}"
+            f"method mip needs the objective localisation or coverage, got {objective.name}"
         )
-    search = Search(problem, problem.objective, run)
+    if isinstance(objective, Coverage) and objective.partial and objective.times > 1:
+        raise ValueError("method mip needs coverage without partial")
+    search = Search(problem, objective, run)
     search.start()
     finished = search.explore()
     return Proposal(
@@ -69,7 +82,7 @@ class Search:
     """The state of one branch-and-cut: the incumbent, the open nodes, the one linear program."""
 
     problem: Problem
-    objective: Localisation
+    objective: Cuttable
     run: Run
     incumbent: list[int] = field(default_factory=list)
     score: float = 0.0
@@ -82,28 +95,27 @@ class Search:
     # The problem as it stands, without the candidates that are ruled out: `_keep` holds the
     # original numbers of those that are left, and nodes and cuts speak of positions in it.
     _keep: IntArray = field(init=False)
-    _objective: Localisation = field(init=False)
-    _maker: CutMaker = field(init=False)
+    _objective: Cuttable = field(init=False)
+    _maker: CutMaker | CoverageCuts = field(init=False)
     _program: CutProgram = field(init=False)
 
     def start(self) -> None:
         """Find an incumbent by greedy and swaps, and open the root."""
-        from placement.solvers.greedy import climb
-
-        state, _, _ = climb(self.problem, self.run)
-        polish(self.problem, self.run, state)
-        self._offer(np.array(state.selected, dtype=np.int64))
+        self._offer(_first_placement(self.problem, self.objective, self.run))
         root = root_choice(self.problem.constraints)
         # A candidate that no sample hears from adds nothing: leave it out unless it must be in.
         deaf = np.diff(self.objective.indptr) == 0
         deaf[self.problem.constraints.required] = False
         self._keep = np.arange(self.objective.n_candidates)
         self._objective = self.objective
-        self._maker = CutMaker(self.objective)
+        if isinstance(self.objective, Coverage):
+            self._objective = merged(self.objective)
+            root = without(root, CoverageCuts(self._objective).useless(self.problem.constraints))
+        self._maker = _cut_maker(self._objective)
         root = without(root, deaf)
         selected = np.array(self.incumbent, dtype=np.int64)
         cuts = joined([self._maker.submodular(selected[:0]), self._maker.submodular(selected)])
-        self._program = CutProgram(root, cuts, self.objective.information.n_samples)
+        self._program = CutProgram(root, cuts, self._objective.information.n_samples)
         self._push(np.inf, root)
 
     def explore(self) -> bool:
@@ -153,6 +165,7 @@ class Search:
                 self._objective.information.n_samples,
                 fraction.price,
             )
+            node_bound = self._reachable(node_bound)
             bound = min(bound, node_bound)
             if root:
                 self.root_bound = bound
@@ -286,8 +299,11 @@ class Search:
         position[keep] = np.arange(keep.size)
         self._open = [(b, serial, restricted_choice(c, keep)) for b, serial, c in self._open]
         self._keep = self._keep[keep]
-        self._objective = restricted_objective(self._objective, keep)
-        self._maker = CutMaker(self._objective)
+        if isinstance(self._objective, Coverage):
+            self._objective = restricted_coverage(self._objective, keep)
+        else:
+            self._objective = restricted_objective(self._objective, keep)
+        self._maker = _cut_maker(self._objective)
         cuts = self._program.cuts.renumbered(position)
         everything = restricted_choice(replace(choice, allowed=allowed), keep)
         self._program = CutProgram(everything, cuts, self._objective.information.n_samples)
@@ -298,6 +314,15 @@ class Search:
 
     def _close(self, bound: float) -> None:
         self.closed_bound = max(self.closed_bound, bound)
+
+    def _reachable(self, bound: float) -> float:
+        """Return the greatest value at most `bound` that a placement can have.
+
+        Where whole weights are summed, values are whole. Whoever is then left out because its
+        reduced cost exceeds bound − incumbent would beat it by less than one: not at all.
+        """
+        step = self.objective.step if isinstance(self.objective, Coverage) else 0.0
+        return step * math.floor(bound / step) if step and math.isfinite(bound) else bound
 
     def _threshold(self) -> float:
         return self.score + TOLERANCE * abs(self.score)
@@ -319,3 +344,23 @@ class Search:
 
     def _out_of_time(self) -> bool:
         return self._remaining() <= 0.0
+
+
+def _cut_maker(objective: Cuttable) -> CutMaker | CoverageCuts:
+    return CoverageCuts(objective) if isinstance(objective, Coverage) else CutMaker(objective)
+
+
+def _first_placement(problem: Problem, objective: Cuttable, run: Run) -> IntArray:
+    """Return what greedy and swaps find; for `coverage` by several cameras, by way of shares."""
+    from placement.solvers.greedy import climb
+
+    easy = problem
+    if isinstance(objective, Coverage) and not objective.submodular:
+        shared = Coverage(objective.information, objective.times, objective.weights, partial=True)
+        easy = replace(problem, objective=shared)
+    state, _, _ = climb(easy, run)
+    if easy is not problem:
+        polish(easy, run, state)
+        state = objective.state(np.array(state.selected, dtype=np.int64))
+    polish(problem, run, state)
+    return np.array(state.selected, dtype=np.int64)

@@ -1,0 +1,142 @@
+"""Coverage counts what is seen often enough, and its exact method agrees with brute force."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from placement.bounds.coverage_cuts import CoverageCuts, merged
+from placement.objectives.coverage import Coverage
+from placement.solution import Status
+from placement.solve import solve
+
+Make = Callable[..., Any]
+
+
+def by_hand(information: Any, selected: tuple[int, ...], times: int, weights: Any) -> float:
+    counts = [0] * information.n_samples
+    for i in selected:
+        for t in set(information.indices[information.indptr[i] : information.indptr[i + 1]]):
+            counts[t] += 1
+    return float(sum(w for w, n in zip(weights, counts, strict=True) if n >= times))
+
+
+@pytest.mark.parametrize("times", [1, 2, 3])
+@pytest.mark.parametrize("partial", [False, True])
+def test_gains_are_changes_of_the_value(times: int, partial: bool, new_information: Make) -> None:
+    rng = np.random.default_rng(times)
+    f = Coverage(new_information(rng, 12, 30), times, rng.uniform(size=30), partial=partial)
+    state = f.state()
+    for candidate in (3, 7, 1, 9):
+        gains = state.gains()
+        assert gains == pytest.approx(state.gains(np.arange(12)))
+        assert state.gains(np.array([5])) == pytest.approx(gains[5:6])
+        for i in set(range(12)) - set(state.selected):
+            here, there = state.selected, [*state.selected, i]
+            change = f.value(np.array(there)) - f.value(np.array(here, dtype=np.int64))
+            assert gains[i] == pytest.approx(change, abs=1e-12)
+        state.add(candidate)
+    state.remove(7)
+    assert state.score == pytest.approx(f.value(np.array([3, 1, 9])))
+
+
+def test_values_are_those_counted_by_hand(new_information: Make) -> None:
+    rng = np.random.default_rng(0)
+    information, weights = new_information(rng, 8, 25), rng.integers(1, 5, 25)
+    for times in (1, 2):
+        f = Coverage(information, times, weights)
+        assert f.step == 1.0
+        for chosen in ((), (2,), (0, 5, 7), (1, 2, 3, 4)):
+            wanted = by_hand(information, chosen, times, weights)
+            assert f.value(np.array(chosen, dtype=np.int64)) == wanted
+
+
+def test_looks_twice_are_not_submodular_and_say_so(new_information: Make) -> None:
+    information = new_information(np.random.default_rng(1), 4, 10)
+    assert Coverage(information).submodular
+    assert not Coverage(information, 2).submodular
+    assert Coverage(information, 2, partial=True).submodular
+
+
+@pytest.mark.parametrize("times", [1, 2, 3])
+@pytest.mark.parametrize("groups", [False, True])
+@pytest.mark.parametrize("whole", [False, True])
+def test_the_exact_method_finds_and_proves_the_best(
+    times: int, groups: bool, whole: bool, new_problem: Make, brute_force: Make
+) -> None:
+    for seed in range(15):
+        rng = np.random.default_rng([seed, times, groups, whole])
+        base = new_problem(
+            rng,
+            n_candidates=int(rng.integers(4, 12)),
+            n_samples=20,
+            budget=int(rng.integers(1, 5)),
+            groups=groups,
+            required=(1,) if seed % 3 == 0 else (),
+        )
+        weights = rng.integers(1, 4, 20) if whole else rng.uniform(0.1, 1.0, 20)
+        problem = replace(base, objective=Coverage(base.objective.information, times, weights))
+        best, _ = brute_force(problem)
+        solution = solve(problem, "mip")
+        assert solution.status is Status.OPTIMAL, solution
+        assert solution.value == pytest.approx(best, rel=1e-6, abs=1e-9)
+        assert solution.bound is not None
+        assert solution.bound >= best - 1e-9
+        assert solve(problem).value == solution.value
+
+
+@pytest.mark.parametrize("times", [1, 2, 3])
+def test_cuts_lie_above_every_set_and_touch_their_own(times: int, new_information: Make) -> None:
+    rng = np.random.default_rng(times)
+    information = new_information(rng, 9, 15)
+    f = Coverage(information, times, rng.uniform(0.5, 2.0, 15))
+    maker = CoverageCuts(f)
+    sets = (rng.random((60, 9)) < 0.4).astype(float)
+    x = rng.random(9) * 0.6
+    makers = [maker.separate(x, np.full(15, 10.0), 0.0)]
+    for chosen in sets[:5]:
+        tight = maker.submodular(np.flatnonzero(chosen))
+        terms = f.weights * (f.seen.T @ chosen >= times)
+        assert tight.at(chosen) == pytest.approx(terms[tight.sample], abs=1e-12)
+        makers.append(tight)
+    for cuts in makers:
+        for chosen in sets:
+            terms = f.weights * (f.seen.T @ chosen >= times)
+            assert np.all(cuts.at(chosen) >= terms[cuts.sample] - 1e-15)
+
+
+def test_merging_samples_changes_no_value(new_information: Make) -> None:
+    rng = np.random.default_rng(5)
+    f = Coverage(new_information(rng, 4, 60), 2, rng.integers(1, 9, 60))
+    small = merged(f)
+    assert small.information.n_samples < 16
+    for bits in range(16):
+        chosen = np.array([i for i in range(4) if bits >> i & 1], dtype=np.int64)
+        assert small.value(chosen) == f.value(chosen)
+
+
+@pytest.mark.parametrize(
+    ("times", "weights", "message"),
+    [
+        (0, None, "times must be at least 1, got 0"),
+        (1, np.ones(3), r"weights must have shape \(10,\), got \(3,\)"),
+        (1, np.full(10, np.nan), "weights must be finite"),
+    ],
+)
+def test_bad_arguments_are_refused_by_name(
+    times: int, weights: Any, message: str, new_information: Make
+) -> None:
+    information = new_information(np.random.default_rng(1), 4, 10)
+    with pytest.raises(ValueError, match=message):
+        Coverage(information, times, weights)
+
+
+def test_shares_have_no_exact_method(new_problem: Make) -> None:
+    base = new_problem(np.random.default_rng(1))
+    shared = Coverage(base.objective.information, 2, partial=True)
+    with pytest.raises(ValueError, match="without partial"):
+        solve(replace(base, objective=shared), "mip")
