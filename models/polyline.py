@@ -1,0 +1,142 @@
+"""Polylines made drivable: every corner rounded by an arc, so that the heading never jumps."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models.curves import ClothoidChain
+from models.geometry import FloatArray, Pose
+from models.roads import Road
+
+LEAST_STEP_M = 0.1  # corners nearer together are one: files give a centimetre or two
+CUT_M = 0.1  # how far an arc may stay off a corner ...
+RADIUS_M = 8.0  # ... unless the car could not follow it
+_BACK_RAD = math.radians(170.0)  # who turns by more turns round
+_PIECE_M = 1e-9
+
+
+def rounded_road(
+    points_m: ArrayLike, left_m: float = 1.5, right_m: float = 1.5, *, radius_m: float = RADIUS_M
+) -> Road:
+    """Follow points (n, 2) by straights and arcs; ends and end headings are the polyline's.
+
+    A corner that turns by θ is cut off by an arc of radius r which starts r·tan(θ/2) before it and
+    stays r·(1/cos(θ/2) − 1) off it: `CUT_M`, or more where the radius would be below `radius_m`,
+    and less where half the way to the next corner is too short. The road is therefore
+    shorter than the polyline by r·(2 tan(θ/2) − θ) a corner.
+
+    Raises:
+        ValueError: for points that are not finite, or fewer than two apart.
+    """
+    points = distinct_points(points_m)
+    lengths, curvatures = _pieces(points, radius_m)
+    step = points[1] - points[0]
+    frame = Pose(float(points[0, 0]), float(points[0, 1]), math.atan2(step[1], step[0]))
+    chain = ClothoidChain(lengths, curvatures, curvatures)
+    return Road(chain, False, frame, np.zeros(1), np.array([left_m]), np.array([right_m]))
+
+
+def distinct_points(points_m: ArrayLike, least_m: float = LEAST_STEP_M) -> FloatArray:
+    """Drop points nearer than `least_m` to the last one kept; both ends stay.
+
+    Raises:
+        ValueError: for points that are not finite (n, 2), or all in one place.
+    """
+    points = np.array(points_m, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
+        raise ValueError(f"a line must be at least 2 points (n, 2), got {points.shape}")
+    if not np.isfinite(points).all():
+        raise ValueError("a line's points must be finite")
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    if np.all(steps > least_m):
+        return points
+    keep = [0]
+    for i in range(1, len(points)):
+        if math.dist(points[i], points[keep[-1]]) > least_m:
+            keep.append(i)
+    if keep[-1] != len(points) - 1:
+        if len(keep) > 1:
+            keep.pop()
+        keep.append(len(points) - 1)
+    kept: FloatArray = points[keep]
+    if len(kept) == 2 and math.dist(kept[0], kept[1]) <= 1e-6:
+        raise ValueError(f"a line must have a length, got one at ({points[0, 0]:g}, "
+                         f"{points[0, 1]:g})")  # fmt: skip
+    return kept
+
+
+def offset_polyline(points_m: FloatArray, left_m: float) -> FloatArray:
+    """Shift a polyline (n, 2) to the left: corners move along bisectors, at most twice as far."""
+    steps = np.diff(points_m, axis=0)
+    unit = steps / np.hypot(*steps.T)[:, None]
+    normal = np.column_stack((-unit[:, 1], unit[:, 0]))
+    before, after = np.vstack((normal[:1], normal)), np.vstack((normal, normal[-1:]))
+    middle = before + after
+    stretch = 2.0 / np.maximum(np.sum(middle * middle, axis=1), 1.0)
+    shifted: FloatArray = points_m + left_m * stretch[:, None] * middle
+    return shifted
+
+
+def cut_polyline(points_m: FloatArray, start_m: float, end_m: float) -> FloatArray:
+    """Return the part of a polyline (n, 2) between two arc lengths, start < end."""
+    s = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(points_m, axis=0).T))))
+    inner = points_m[(s > start_m) & (s < end_m)]
+    ends = [
+        [np.interp(at, s, points_m[:, 0]), np.interp(at, s, points_m[:, 1])]
+        for at in (start_m, end_m)
+    ]
+    return np.vstack((ends[:1], inner, ends[1:]))
+
+
+def polyline_length(points_m: FloatArray) -> float:
+    """Return the length of a polyline (n, 2)."""
+    return float(np.sum(np.hypot(*np.diff(points_m, axis=0).T)))
+
+
+def _pieces(points: FloatArray, radius_m: float) -> tuple[FloatArray, FloatArray]:
+    """Return lengths and curvatures (pieces,) of straights and arcs in turn."""
+    steps, segment, turn = _measure(points)
+    while len(turn) and float(np.max(np.abs(turn))) > _BACK_RAD:
+        i = int(np.argmax(np.abs(turn))) + 1
+        points = _turn_round(points, i, steps[i - 1] / segment[i - 1])
+        steps, segment, turn = _measure(points)
+    if not len(turn):
+        return segment, np.zeros(1)
+    half = 0.5 * np.abs(turn)
+    tangent = np.tan(half)
+    bent = half > 1e-6
+    by_cut = CUT_M / (1.0 / np.cos(np.where(bent, half, 1.0)) - 1.0)
+    wanted = np.where(bent, np.maximum(by_cut, radius_m) * tangent, 0.0)
+    room = 0.5 * segment
+    room[0], room[-1] = segment[0], segment[-1]
+    if len(segment) == 1:
+        room[0] = segment[0]
+    reach = np.minimum(wanted, np.minimum(room[:-1], room[1:]))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        curvature = np.where(reach > 0.0, np.sign(turn) * tangent / reach, 0.0)
+        arc = np.where(reach > 0.0, reach * np.abs(turn) / tangent, 0.0)
+    straight = segment - np.append(reach, 0.0) - np.insert(reach, 0, 0.0)
+    lengths = np.empty(2 * len(segment) - 1)
+    curvatures = np.zeros_like(lengths)
+    lengths[0::2], lengths[1::2], curvatures[1::2] = straight, arc, curvature
+    keep = lengths > _PIECE_M
+    return lengths[keep], curvatures[keep]
+
+
+def _measure(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return steps (n − 1, 2), their lengths (n − 1,) and the turns between them (n − 2,)."""
+    steps = np.diff(points, axis=0)
+    before, after = steps[:-1], steps[1:]
+    turn = np.arctan2(
+        before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0], np.sum(before * after, axis=1)
+    )
+    return steps, np.hypot(*steps.T), turn
+
+
+def _turn_round(points: FloatArray, i: int, unit: FloatArray) -> FloatArray:
+    """Blunt the point of a spike: two corners of about a right angle in place of one of 180°."""
+    aside = 0.25 * LEAST_STEP_M * np.array([unit[1], -unit[0]])
+    return np.vstack((points[:i], points[i] + aside, points[i] - aside, points[i + 1 :]))
