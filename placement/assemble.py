@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -18,9 +18,11 @@ from models.roads import Piece, Road, RoadPoints, road_from_pieces
 from models.vehicle import PROFILES, OdometryNoise, from_alphas
 from placement.candidates import Candidates, build_candidates
 from placement.constraints import Constraints, Infeasible
-from placement.information import Information, compute_information
+from placement.information import Information
+from placement.information.join import side_by_side
 from placement.instance import Instance, PoseSelector, load_instance
 from placement.instance.schema import BudgetSection, VehicleSection
+from placement.journeys import Journey, build_journeys
 from placement.objectives.base import Objective
 from placement.objectives.entropy import Entropy
 from placement.objectives.final_entropy import FinalEntropy
@@ -30,19 +32,33 @@ from placement.objectives.navigation_chain import Drive
 from placement.objectives.trace import Trace
 from placement.problem import Problem
 
-MOST_SAMPLES = 10_000_000
+# The dissertation's alphas are noise for each step of a filter at 25 Hz.
+ALPHAS_HZ = 25.0
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """Hold an instance and all that follows from it; `problem` is what solvers see."""
+    """Hold an instance and all that follows from it; `problem` is what solvers see.
+
+    `road` is the centre line along which mounts stand; `journeys` are the drives along it that the
+    objective is about, and `points` and `information` are the first one's.
+    """
 
     instance: Instance
     road: Road
-    points: RoadPoints
     candidates: Candidates
-    information: Information
+    journeys: tuple[Journey, ...]
     problem: Problem
+
+    @property
+    def points(self) -> RoadPoints:
+        """The samples of the first journey."""
+        return self.journeys[0].points
+
+    @property
+    def information(self) -> Information:
+        """What the candidates tell about the first journey."""
+        return self.journeys[0].information
 
 
 def load(path_or_name: str | Path) -> Scene:
@@ -61,31 +77,32 @@ def assemble(instance: Instance) -> Scene:
         Infeasible: if the constraints contradict each other.
     """
     road = build_road(instance)
-    points = sample_road(instance, road)
     candidates = build_candidates(instance, road)
     constraints = build_constraints(instance.budget, candidates)
-    spacing = road.length_m / (len(points) if road.closed else len(points) - 1)
-    information = compute_information(
-        candidates.cameras,
-        points,
-        build_errors(instance),
-        instance.camera.max_range_m,
-        frames_per_sample=instance.camera.rate_hz * spacing / instance.vehicle.speed_mps,
-    )
-    if not len(information.indices):
+    journeys = build_journeys(instance, road, candidates.cameras, build_errors(instance))
+    if not any(len(journey.information.indices) for journey in journeys):
         raise ValueError(
             f"none of {len(candidates):,} candidate poses reports a position anywhere on the road: "
             "see camera.pitch_deg, camera.max_range_m and errors.report_limit_m "
             f"({instance.errors.report_limit_m:g} m)"
         )
     problem = Problem(
-        build_objective(instance, points, information),
+        build_objective(instance, journeys),
         constraints,
         arc_length_m=candidates.arc_length_m,
         path_length_m=road.length_m,
-        cheap_scores=partial(kalman_gain, candidates.cameras, points, information),
+        cheap_scores=partial(_kalman_gain, candidates, journeys),
     )
-    return Scene(instance, road, points, candidates, information, problem)
+    return Scene(instance, road, candidates, tuple(journeys), problem)
+
+
+def _kalman_gain(candidates: Candidates, journeys: Sequence[Journey]) -> FloatArray:
+    """Return each candidate's cheap score (c,), summed over the journeys."""
+    scores: FloatArray = np.sum(
+        [j.weight * kalman_gain(candidates.cameras, j.points, j.information) for j in journeys],
+        axis=0,
+    )
+    return scores
 
 
 def build_road(instance: Instance) -> Road:
@@ -99,17 +116,6 @@ def build_road(instance: Instance) -> Road:
             raise ValueError(f"road.pieces: {error}") from None
     path = instance.files["road.file"]
     return read_centreline(path, closed=section.closed, half_width_m=0.5 * section.width_m)
-
-
-def sample_road(instance: Instance, road: Road) -> RoadPoints:
-    """Sample the road every `road.sample_spacing_m`, or say that this is too fine."""
-    spacing = instance.road.sample_spacing_m
-    if road.length_m / spacing > MOST_SAMPLES:
-        raise ValueError(
-            f"road.sample_spacing_m must give at most {MOST_SAMPLES:,} samples, "
-            f"got {spacing:g} on {road.length_m:.0f} m of road"
-        )
-    return road.sample(spacing)
 
 
 def build_errors(instance: Instance) -> ErrorModel:
@@ -130,7 +136,7 @@ def build_errors(instance: Instance) -> ErrorModel:
 def build_odometry(vehicle: VehicleSection) -> OdometryNoise:
     """Make the odometry noise of `[vehicle]`: alphas, or the profile with densities replaced."""
     if vehicle.alphas is not None:
-        return from_alphas(vehicle.alphas)
+        return from_alphas(vehicle.alphas, vehicle.speed_mps / ALPHAS_HZ)
     profile = PROFILES[vehicle.profile]
     heading, along, across = (
         vehicle.heading_deg_per_sqrt_m,
@@ -146,49 +152,62 @@ def build_odometry(vehicle: VehicleSection) -> OdometryNoise:
     )
 
 
-def build_objective(instance: Instance, points: RoadPoints, information: Information) -> Objective:
-    """Make the objective of `[objective]`."""
-    return OBJECTIVES[instance.objective.kind](instance, points, information)
+def build_objective(instance: Instance, journeys: Sequence[Journey]) -> Objective:
+    """Make the objective of `[objective]` over all `journeys`."""
+    return OBJECTIVES[instance.objective.kind](instance, journeys)
 
 
-def _localisation(instance: Instance, points: RoadPoints, information: Information) -> Objective:
+def _localisation(instance: Instance, journeys: Sequence[Journey]) -> Objective:
     section = instance.objective
-    if section.weights is not None and len(section.weights) != len(points):
-        raise ValueError(
-            f"objective.weights must have one number for each of {len(points)} path samples, "
-            f"got {len(section.weights)}"
-        )
-    return Localisation(information, section.prior_sigma_m, section.weights)
+    information = side_by_side([journey.information for journey in journeys])
+    weights = np.repeat([j.weight for j in journeys], [len(j.points) for j in journeys])
+    if section.weights is not None:
+        if len(journeys) > 1:
+            raise ValueError("objective.weights must be left out with several objective.drives")
+        if len(section.weights) != len(weights):
+            raise ValueError(
+                f"objective.weights must have one number for each of {len(weights)} path samples, "
+                f"got {len(section.weights)}"
+            )
+        weights = weights * np.array(section.weights)
+    return Localisation(information, section.prior_sigma_m, weights)
 
 
-def _entropy(instance: Instance, points: RoadPoints, information: Information) -> Objective:
-    return Entropy([_drive(instance, points, information)])
+def _entropy(instance: Instance, journeys: Sequence[Journey]) -> Objective:
+    return Entropy(build_drives(instance, journeys))
 
 
-def _trace(instance: Instance, points: RoadPoints, information: Information) -> Objective:
-    return Trace([_drive(instance, points, information)], instance.objective.weight)
+def _trace(instance: Instance, journeys: Sequence[Journey]) -> Objective:
+    return Trace(build_drives(instance, journeys, mean=True), instance.objective.weight)
 
 
-def _final_entropy(instance: Instance, points: RoadPoints, information: Information) -> Objective:
-    return FinalEntropy([_drive(instance, points, information)])
+def _final_entropy(instance: Instance, journeys: Sequence[Journey]) -> Objective:
+    return FinalEntropy(build_drives(instance, journeys, mean=True))
 
 
-def _drive(instance: Instance, points: RoadPoints, information: Information) -> Drive:
+def build_drives(
+    instance: Instance, journeys: Sequence[Journey], *, mean: bool = False
+) -> list[Drive]:
+    """Make what the navigation objectives filter: each journey with the instance's odometry.
+
+    With `mean` their weights sum to one, so that the objective is an average over the drives.
+    """
     if instance.objective.weights is not None:
         raise ValueError(
             f"objective.weights must be left out for objective.kind = {instance.objective.kind}: "
             "only localisation weighs samples"
         )
-    return Drive(
-        points=points,
-        information=information,
-        odometry=build_odometry(instance.vehicle),
-        initial_sigma=np.array(instance.vehicle.initial_sigma),
-    )
+    vehicle = instance.vehicle
+    odometry = build_odometry(vehicle)
+    total = sum(journey.weight for journey in journeys) if mean else 1.0
+    return [
+        replace(drive, weight=drive.weight / total)
+        for drive in (journey.drive(odometry, vehicle.initial_sigma) for journey in journeys)
+    ]
 
 
 # What each objective.kind is made of; a kind without a row is refused in `instance.later`.
-OBJECTIVES: Mapping[str, Callable[[Instance, RoadPoints, Information], Objective]] = {
+OBJECTIVES: Mapping[str, Callable[[Instance, Sequence[Journey]], Objective]] = {
     "entropy": _entropy,
     "final_entropy": _final_entropy,
     "localisation": _localisation,

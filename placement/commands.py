@@ -20,6 +20,23 @@ if TYPE_CHECKING:
     from placement.prediction import Prediction
     from placement.validation import Validation
 
+# What a new solution must not stand beside, if it is not written anew.
+LEFT_BEHIND = (
+    "placements.csv",
+    "along_path.csv",
+    "validation.csv",
+    "validation_summary.json",
+    "verification.json",
+    "budget_curve.csv",
+    "budget_curve.png",
+    "budget_curve.svg",
+    "consistency.png",
+    "consistency.svg",
+    "map.png",
+    "map.svg",
+    "index.html",
+)
+
 
 @dataclass(frozen=True, slots=True)
 class Result:
@@ -185,27 +202,29 @@ def _write(
     validation: Validation | None,
     more: Mapping[str, Content] | None = None,
 ) -> None:
-    """Gather every file, ours and those that other rooms add, and write them in one go."""
+    """Write our own files in one go, then those that other rooms add.
+
+    The figures take seconds: a placement that took an hour is safe before the first is drawn.
+    """
     from placement.output import solution_files, validation_files
 
     files: dict[str, Content] = dict(more or {})
+    # A new solution makes an older one's simulation, verification and figures stale.
+    stale: list[str] = []
     if validation is None:
         files |= solution_files(scene, solution, prediction)
+        stale = [name for name in LEFT_BEHIND if name not in files]
     else:
         files |= validation_files(validation)
-    if prediction is not None:
-        result = Result(scene, solution, prediction, validation)
-        for entry in sorted(entry_points(group="placement.figures"), key=lambda e: e.name):
-            draw: Callable[[Result], dict[str, Content]] = entry.load()
-            files |= draw(result)
-    # A new solution makes an older one's simulation and verification stale.
-    driven = ["validation.csv", "validation_summary.json", "consistency.png", "consistency.svg"]
-    curves = ["budget_curve.csv", "budget_curve.png", "budget_curve.svg"]
-    old = [*driven, "verification.json", *(name for name in curves if name not in files)]
-    if prediction is None:  # no placement: nothing of an earlier one may stay beside its record
-        old += ["placements.csv", "along_path.csv", "map.png", "map.svg", "index.html"]
-    stale = old if validation is None else []
     write_files(folder, files, remove=stale)
+    if prediction is None:  # there is nothing to draw
+        return
+    result = Result(scene, solution, prediction, validation)
+    figures: dict[str, Content] = {}
+    for entry in sorted(entry_points(group="placement.figures"), key=lambda e: e.name):
+        draw: Callable[[Result], dict[str, Content]] = entry.load()
+        figures |= draw(result)
+    write_files(folder, figures)
 
 
 def _curve_files(curve: BudgetCurve) -> dict[str, Content]:

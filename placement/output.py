@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -16,8 +16,10 @@ import pandas as pd
 from models.projections import Projection
 from placement.assemble import Scene
 from placement.atomic import Content
+from placement.information import Information
 from placement.instance import Instance, InstanceError, instance_from_dict
-from placement.prediction import Prediction
+from placement.journeys import Journey
+from placement.prediction import Prediction, predict
 from placement.problem import Problem
 from placement.solution import Solution, Status
 from placement.validation import Validation
@@ -149,23 +151,41 @@ def _money(scene: Scene, solution: Solution) -> dict[str, Any]:
 
 
 def path_table(scene: Scene, solution: Solution, prediction: Prediction) -> pd.DataFrame:
-    """Return one row a path sample: where it is, and the error predicted for a car there."""
+    """Return one row a path sample: where it is, and the error predicted for a car there.
+
+    `prediction` is of the first journey. With several, each has its rows, in order, and a column
+    `drive` tells them apart.
+    """
+    if len(scene.journeys) == 1:
+        return _path_rows(scene.journeys[0], solution, prediction)
+    tables = []
+    for n, journey in enumerate(scene.journeys):
+        along = prediction if n == 0 else predict(scene, solution.selected, n)
+        table = _path_rows(journey, solution, along)
+        table.insert(0, "drive", journey.name)
+        tables.append(table)
+    return pd.concat(tables, ignore_index=True)
+
+
+def _path_rows(journey: Journey, solution: Solution, prediction: Prediction) -> pd.DataFrame:
+    points = journey.points
     return pd.DataFrame(
         {
-            "s_m": scene.points.s_m,
-            "x_m": scene.points.x_m,
-            "y_m": scene.points.y_m,
-            "curvature": scene.points.curvature,
+            "s_m": points.s_m,
+            "x_m": points.x_m,
+            "y_m": points.y_m,
+            "curvature": points.curvature,
             "position_sigma_m": prediction.position_sigma_m,
             "lateral_2sigma_m": 2.0 * prediction.lateral_sigma_m,
-            "cameras_seeing": cameras_seeing(scene, solution.selected),
+            "cameras_seeing": cameras_seeing(journey.information, solution.selected),
         }
     )
 
 
-def cameras_seeing(scene: Scene, selected: tuple[int, ...]) -> np.ndarray[tuple[int], Any]:
+def cameras_seeing(
+    information: Information, selected: Sequence[int]
+) -> np.ndarray[tuple[int], Any]:
     """Count the selected cameras that see each path sample, (t,)."""
-    information = scene.information
     rows = [
         information.indices[information.indptr[i] : information.indptr[i + 1]] for i in selected
     ]

@@ -27,17 +27,11 @@ class Prediction:
     lateral_sigma_m: FloatArray
 
 
-def predict(scene: Scene, selected: Sequence[int]) -> Prediction:
-    """Filter the nominal drive with the selected cameras; no randomness, no simulation."""
-    after = covariances(
-        Drive(
-            scene.points,
-            scene.information,
-            build_odometry(scene.instance.vehicle),
-            np.array(scene.instance.vehicle.initial_sigma),
-        ),
-        np.array(sorted(selected), dtype=np.int64),
-    )
+def predict(scene: Scene, selected: Sequence[int], journey: int = 0) -> Prediction:
+    """Filter a nominal drive with the selected cameras; no randomness, no simulation."""
+    vehicle = scene.instance.vehicle
+    drive = scene.journeys[journey].drive(build_odometry(vehicle), vehicle.initial_sigma)
+    after = covariances(drive, np.array(sorted(selected), dtype=np.int64))
     return Prediction(
         position_sigma_m=np.sqrt(after[:, 0] + after[:, 3]),
         lateral_sigma_m=np.sqrt(after[:, 3]),

@@ -77,13 +77,56 @@ def validate(
 ) -> Validation:
     """Drive the selected candidates of `scene`, `runs` times with each filter.
 
+    With several journeys each is driven: rows carry its name in a column `drive`, the summary's
+    `drives` holds one summary for each, and `filters` and the profile are those of the first.
+
     latency_s, missed, false: as in `models.simulation.Settings`. Raises ValueError for no runs, an
     unknown plant, a road tighter than the vehicle can turn, a latency longer than the drive, or
     cameras that never see the car.
     """
+    found = [
+        _drive_journey(
+            scene,
+            journey.road,
+            selected,
+            runs=runs,
+            seed=seed,
+            plant=plant,
+            latency_s=latency_s,
+            missed=missed,
+            false=false,
+            progress=progress,
+        )
+        for journey in scene.journeys
+    ]
+    if len(found) == 1:
+        return found[0]
+    names = [journey.name for journey in scene.journeys]
+    rows = [v.rows.assign(drive=name) for v, name in zip(found, names, strict=True)]
+    drives = [
+        {"drive": name, "filters": v.summary["filters"]}
+        for v, name in zip(found, names, strict=True)
+    ]
+    summary = {**found[0].summary, "drives": drives}
+    return Validation(pd.concat(rows, ignore_index=True), summary, found[0].profile)
+
+
+def _drive_journey(
+    scene: Scene,
+    road: Road,
+    selected: Sequence[int],
+    *,
+    runs: int,
+    seed: int,
+    plant: str,
+    latency_s: float,
+    missed: float,
+    false: float,
+    progress: Callable[[str, float | None], None] | None,
+) -> Validation:
     instance = scene.instance
     loop = closed_loop(
-        scene.road,
+        road,
         scene.candidates.cameras.subset(np.array(sorted(selected), dtype=np.int64)),
         build_errors(instance),
         odometry=build_odometry(instance.vehicle),

@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -18,13 +18,14 @@ from typing import Any
 import numpy as np
 
 from models.geometry import FloatArray
-from placement.assemble import build_constraints
+from placement.assemble import build_constraints, build_road
 from placement.candidates import Candidates, build_candidates
 from placement.constraints import Constraints
 from placement.output import Stored, read_folder
 from placement.referee.bounds import Knapsack, score_bound
 from placement.referee.checks import Check, is_number, near, none_of, same
 from placement.referee.rules import camera_checks, form_check, rule_checks
+from placement.referee.sight import Eye, Sight
 from placement.referee.values import (
     MAXIMISED,
     UNITS,
@@ -34,7 +35,7 @@ from placement.referee.values import (
     lateral_variance,
     rebuild,
     sights_of,
-    value_of,
+    whole_value,
 )
 from placement.solution import OPTIMAL_GAP, Status
 
@@ -93,7 +94,7 @@ def verify_folder(
     stored = read_folder(folder, check_hash=False)
     tell("rebuilding the instance", None)
     scene = rebuild(stored.instance)
-    candidates = build_candidates(stored.instance, scene.road)
+    candidates = build_candidates(stored.instance, build_road(stored.instance))
     constraints = build_constraints(stored.instance.budget, candidates)
     record = stored.record
     checks = [
@@ -108,10 +109,10 @@ def verify_folder(
         candidates, constraints, selected, _placements(folder), "placements.csv"
     )
     tell("looking through every camera", None)
-    sights = sights_of(scene, eyes_of(candidates, selected))
-    value = value_of(scene, sights)
+    eyes = eyes_of(candidates, selected)
+    value = whole_value(scene, eyes)
     checks.append(near("value", value, record.get("value"), VALUE_TOLERANCE * abs(value)))
-    checks += _path_checks(folder, scene, sights)
+    checks += _path_checks(folder, scene, eyes)
     checks += certificate_checks(record, value, scene.instance.objective.kind in MAXIMISED)
     if (folder / "budget_curve.csv").exists():
         tell("checking the budget curve", None)
@@ -175,7 +176,7 @@ def curve_checks(
         allowed = replace(constraints, budget=k)
         rules = rule_checks(scene.instance, candidates, allowed, indices)
         faults += [f"row {n}: {check.name}: {check.got}" for check in rules if not check.passed]
-        value = value_of(scene, sights_of(scene, eyes_of(candidates, indices)))
+        value = whole_value(scene, eyes_of(candidates, indices))
         record: dict[str, Any] = {key: _finite(row.get(key)) for key in ("value", "bound", "gap")}
         record["upper_bound" if maximise else "lower_bound"] = record["bound"]
         stated = near("value", value, record["value"], VALUE_TOLERANCE * abs(value))
@@ -235,13 +236,27 @@ def _money(stored: Stored, constraints: Constraints) -> list[Check]:
     ]
 
 
-def _path_checks(folder: Path, scene: Scene, sights: list[Any]) -> list[Check]:
-    """Check every column of `along_path.csv` against the drive filtered here."""
+def _path_checks(folder: Path, scene: Scene, eyes: Sequence[Eye]) -> list[Check]:
+    """Check every column of `along_path.csv` against the drives filtered here."""
     table = _read_csv(folder / "along_path.csv")
-    t = len(scene.xy)
-    checks = [same("along_path.csv.rows", t, len(table))]
-    if len(table) != t:
+    lengths = [len(drive.xy) for drive in scene.drives()]
+    checks = [same("along_path.csv.rows", sum(lengths), len(table))]
+    if len(table) != sum(lengths):
         return checks
+    for drive, stop in zip(scene.drives(), np.cumsum(lengths), strict=True):
+        rows = table[stop - len(drive.xy) : stop]
+        if scene.others:
+            names = [row.get("drive") for row in rows]
+            wrong = [f"{name!r}, wanted {drive.name!r}" for name in names if name != drive.name]
+            checks.append(none_of("along_path.csv.drive", wrong[:1]))
+        checks += _drive_checks(rows, drive, sights_of(drive, eyes))
+    return checks
+
+
+def _drive_checks(
+    table: list[dict[str, str]], scene: Scene, sights: Sequence[Sight]
+) -> list[Check]:
+    checks, t = [], len(scene.xy)
     P = filtered(scene, sights).covariance
     seeing = np.sum([sight.seen for sight in sights], axis=0) if sights else np.zeros(t)
     columns: dict[str, tuple[FloatArray, float]] = {
@@ -287,6 +302,13 @@ def _bound(
         constraints.purse,
     )
     bound = score_bound(scene, candidates, knapsack, selected)
+    if scene.others and bound is not None:  # a sum of bounds, one a drive, bounds the sum
+        parts = [score_bound(drive, candidates, knapsack, selected) for drive in scene.drives()]
+        bound = math.fsum(
+            drive.weight * part
+            for drive, part in zip(scene.drives(), parts, strict=True)
+            if part is not None
+        )
     if bound is None:
         why = "its cameras' persistent errors couple all their frames"
         return [f"{side} {recorded:.6g} ({why})"], found

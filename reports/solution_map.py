@@ -32,13 +32,18 @@ def draw(result: Result) -> dict[str, Content]:
 def draw_map(axes: Axes, result: Result) -> None:
     """Draw the road's edges, each camera, and the ground it sees."""
     scene = result.scene
-    points = scene.points
+    points = scene.road.sample(scene.instance.road.sample_spacing_m)
     left, right = scene.road.half_widths(points.s_m)
     normal = np.column_stack((-np.sin(points.heading_rad), np.cos(points.heading_rad)))
     edges = (points.xy + left[:, None] * normal, points.xy - right[:, None] * normal)
     for edge in edges:
         ring = np.vstack((edge, edge[:1])) if scene.road.closed else edge
         axes.plot(ring[:, 0], ring[:, 1], color=BLACK, linewidth=0.6)
+    if len(scene.journeys) > 1:
+        for n, journey in enumerate(scene.journeys):
+            driven = journey.points.xy
+            label = None if n else "drives"
+            axes.plot(*driven.T, color=GREY, linewidth=0.5, linestyle="--", label=label)
     chosen = np.array(sorted(result.solution.selected), dtype=np.int64)
     cameras = scene.candidates.cameras.subset(chosen)
     reach = min(scene.instance.camera.max_range_m, DRAWN_RANGE_M)
@@ -49,7 +54,8 @@ def draw_map(axes: Axes, result: Result) -> None:
     axes.plot(
         cameras.x_m, cameras.y_m, "o", color=VERMILION, markersize=3.5, label="camera", zorder=3
     )
-    axes.plot(points.x_m[0], points.y_m[0], ">", color=BLACK, markersize=5, label="start")
+    start = scene.points
+    axes.plot(start.x_m[0], start.y_m[0], ">", color=BLACK, markersize=5, label="start")
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("east x (m)")
     axes.set_ylabel("north y (m)")
@@ -89,7 +95,7 @@ def draw_profile(axes: Axes, result: Result) -> None:
         )
     axes.set_xlabel("arc length s (m)")
     axes.set_ylabel("rms position error (m)")
-    axes.set_xlim(0.0, result.scene.road.length_m)
+    axes.set_xlim(0.0, result.scene.journeys[0].road.length_m)
     axes.set_ylim(bottom=0.0)
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, fontsize=8)
 

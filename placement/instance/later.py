@@ -43,7 +43,6 @@ LATER = (
     Later("obstacles.file", _given, "leave it out: nothing blocks a view"),
     Later("objective.kind", _is("tolerance"), 'use "localisation"'),
     Later("objective.kind", _is("kalman_gain"), 'use "localisation"'),
-    Later("objective.drives", _given, "leave it out: one car drives the road once"),
     Later("budget.failures", _given, "leave it out: no camera fails"),
 )
 

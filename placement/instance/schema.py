@@ -6,7 +6,7 @@ import math
 import warnings
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from models.cameras import make_camera
 from placement.instance.values import (
@@ -225,15 +225,48 @@ class VehicleSection(Section):
         return self
 
 
+class DriveSection(Section):
+    """One way to drive the road: forward or backward, `offset_m` to the left of that way.
+
+    In right-hand traffic the right lane has a negative offset in either direction. `weight` is the
+    drive's share of the objective, as of the traffic.
+    """
+
+    direction: Literal["forward", "backward"] = "forward"
+    offset_m: Annotated[float, interval(-100.0, 100.0)] = 0.0
+    weight: NotNegative = 1.0
+
+    def label(self) -> str:
+        """Return a short name, as tables and files show it."""
+        return self.direction + (f"{self.offset_m:+g}m" if self.offset_m else "")
+
+
+def _check_drives(drives: tuple[DriveSection, ...]) -> tuple[DriveSection, ...]:
+    if not any(drive.weight > 0.0 for drive in drives):
+        raise refuse("must have a drive of positive weight", got=[d.weight for d in drives])
+    return drives
+
+
+# A drive may be given by its direction alone.
+DriveChoice = Annotated[
+    DriveSection,
+    BeforeValidator(lambda value: {"direction": value} if isinstance(value, str) else value),
+]
+Drives = Annotated[tuple[DriveChoice, ...], LOOSE, AfterValidator(_check_drives)]
+
+
 class ObjectiveSection(Section):
-    """What is to be optimised; `weights` weigh the path's samples, one number each."""
+    """What is to be optimised; `weights` weigh the path's samples, one number each.
+
+    `drives` are those that it is about, by default once forward along the centre line.
+    """
 
     kind: ObjectiveKind = "trace"
     weight: WeightName = "position"
     weights: Annotated[tuple[NotNegative, ...], LOOSE] | None = None
     tolerance_m: Positive = 0.29
     prior_sigma_m: Positive = 0.5
-    drives: Annotated[tuple[str, ...], LOOSE] | None = None
+    drives: Drives | None = None
 
 
 class PoseSelector(Section):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,23 +14,34 @@ from models.roads import Road
 from placement.assemble import build_odometry, build_road
 from placement.candidates import Candidates
 from placement.instance import Instance
+from placement.journeys import journey_roads
 from placement.referee.drive import Filtered, Track, filter_drive
 from placement.referee.sight import Eye, Sight, look
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """An instance rebuilt: its road sampled anew, and the selected cameras as eyes."""
+    """One drive of an instance rebuilt: its road sampled anew, and what it weighs.
+
+    `name` is the drive's, `others` the rest of `objective.drives`.
+    """
 
     instance: Instance
     road: Road
     track: Track
     xy: FloatArray
     curvature: FloatArray
+    name: str = "forward"
+    weight: float = 1.0
+    others: tuple[Scene, ...] = ()
+
+    def drives(self) -> list[Scene]:
+        """Return this drive and the others."""
+        return [self, *self.others]
 
 
 def rebuild(instance: Instance) -> Scene:
-    """Build the road and sample it through `Road.evaluate` alone.
+    """Build the road of every drive and sample it through `Road.evaluate` alone.
 
     Raises:
         ValueError: for an instance with something that this referee does not know.
@@ -39,7 +50,6 @@ def rebuild(instance: Instance) -> Scene:
         name
         for name, given in (
             ("obstacles", bool(instance.obstacles.polygons or instance.obstacles.file)),
-            ("objective.drives", bool(instance.objective.drives)),
         )
         if given
     ]
@@ -47,7 +57,14 @@ def rebuild(instance: Instance) -> Scene:
         unknown.append(f"objective.kind = {instance.objective.kind}")
     if unknown:
         raise ValueError(f"verify does not know {' and '.join(unknown)}: nothing was checked")
-    road = build_road(instance)
+    kind = instance.objective.kind
+    roads = journey_roads(instance, build_road(instance))
+    total = math.fsum(weight for _, _, weight in roads) if kind in AVERAGED else 1.0
+    first, *others = [_drive(instance, name, road, w / total) for name, road, w in roads]
+    return replace(first, others=tuple(others))
+
+
+def _drive(instance: Instance, name: str, road: Road, weight: float) -> Scene:
     intervals = max(1, math.ceil(road.length_m / instance.road.sample_spacing_m - 1e-9))
     spacing = road.length_m / intervals
     points = road.evaluate(np.arange(intervals + (not road.closed)) * spacing)
@@ -65,7 +82,8 @@ def rebuild(instance: Instance) -> Scene:
         initial_sigma=instance.vehicle.initial_sigma,
         frames=instance.camera.rate_hz * spacing / instance.vehicle.speed_mps,
     )
-    return Scene(instance, road, track, np.column_stack([points.x_m, points.y_m]), points.curvature)
+    xy = np.column_stack([points.x_m, points.y_m])
+    return Scene(instance, road, track, xy, points.curvature, name, weight)
 
 
 def eyes_of(candidates: Candidates, selected: Sequence[int]) -> list[Eye]:
@@ -105,8 +123,15 @@ def filtered(scene: Scene, sights: Sequence[Sight]) -> Filtered:
     return filter_drive(scene.track, sights)
 
 
+def whole_value(scene: Scene, eyes: Sequence[Eye]) -> float:
+    """Return the value of the instance's objective, all drives of it."""
+    return math.fsum(
+        drive.weight * value_of(drive, sights_of(drive, eyes)) for drive in scene.drives()
+    )
+
+
 def value_of(scene: Scene, sights: Sequence[Sight]) -> float:
-    """Return the value of the instance's objective."""
+    """Return the value of the instance's objective for one drive, unweighted."""
     return VALUES[scene.instance.objective.kind](scene, sights)
 
 
@@ -151,6 +176,8 @@ VALUES: Mapping[str, Callable[[Scene, Sequence[Sight]], float]] = {
     "trace": _trace,
     "final_entropy": _final_entropy,
 }
+# The objectives that are means over the drives; the others are sums.
+AVERAGED = frozenset({"trace", "final_entropy"})
 # The objectives that are maximised; the others are minimised.
 MAXIMISED = frozenset({"localisation", "entropy"})
 UNITS = {"localisation": "nats", "entropy": "nats", "trace": "m^2", "final_entropy": "nats"}

@@ -40,7 +40,8 @@ def test_a_thousand_frames_do_not_average_a_persistent_offset_out() -> None:
     least = {}
     for persistent in (True, False):
         built = scene(model="covariance", persistent=persistent)
-        eager = replace(built, information=replace(built.information, frames_per_sample=1000.0))
+        often = replace(built.information, frames_per_sample=1000.0)
+        eager = replace(built, journeys=(replace(built.journeys[0], information=often),))
         least[persistent] = predict(eager, (40, 100, 200)).position_sigma_m.min()
     assert least[False] < 0.005
     assert least[True] > 0.015

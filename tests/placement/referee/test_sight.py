@@ -74,8 +74,8 @@ def test_a_drive_without_cameras_learns_nothing() -> None:
 
 def test_what_the_referee_does_not_know_it_refuses() -> None:
     instance = make_instance()
-    drives = instance.objective.model_copy(update={"drives": ("both",)})
-    document = instance.document.model_copy(update={"objective": drives})
+    odd = instance.objective.model_copy(update={"kind": "beauty"})
+    document = instance.document.model_copy(update={"objective": odd})
     strange = Instance(instance.name, instance.folder, document, instance.files)
-    with pytest.raises(ValueError, match=r"verify does not know objective\.drives"):
+    with pytest.raises(ValueError, match=r"verify does not know objective\.kind = beauty"):
         rebuild(strange)
