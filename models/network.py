@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import networkx as nx
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Lane:
     """A line that cars follow: the middle of one lane, or of a turn through a junction.
 
