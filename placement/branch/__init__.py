@@ -1,0 +1,1 @@
+"""Exact search for dense designs: a node's relaxation, its certificate, the tree, swaps."""

@@ -1,0 +1,324 @@
+"""Prove dense designs: branch-and-bound on the concave relaxation, for log det and trace.
+
+Nodes are relaxed by exchanges of weight, bounded by certificates that hold whatever the relaxation
+got wrong, and lose every candidate that no better design holds (`placement.branch`). Where a
+design has exactly as many columns as the state has dimensions, candidates fixed in are projected
+out; that bound is what makes budgets of n tractable. Starts are swapped designs, so the tree has
+little but proving to do.
+
+The tree is best-first between short depth-first dives: the bound falls all the time, and memory is
+what the dives leave open. A node is done with once its bound is within 5e-7 of the best design,
+relative; so the certificate is `optimal` when the tree is empty.
+"""
+
+from __future__ import annotations
+
+import heapq
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from models.geometry import BoolArray, FloatArray, IntArray
+from placement.branch.climb import LOG_DET, TRACE_INVERSE
+from placement.branch.swaps import better_by_swaps, score_of
+from placement.branch.tree import FREE, IN, OUT, search
+from placement.objectives.log_det import LogDet
+from placement.problem import Problem, Run
+from placement.solution import OPTIMAL_GAP, Proposal, Status
+
+STARTS = 24  # designs that are swapped to a standstill before the tree
+SWEEPS = 200
+DIVE = 256  # nodes between two looks at the clock
+ROOT_ROUNDS, ROUNDS = 400, 12
+MOST_OPEN = 40_000  # beyond, dives go on until their subtree is done
+
+
+def solve_branch(problem: Problem, run: Run) -> Proposal:
+    """Find a design by swaps, then prove or better it; anytime.
+
+    Raises:
+        ValueError: for objectives other than `log_det` and `trace_inverse`, or separation.
+    """
+    tree = Tree(problem, run)
+    tree.start()
+    finished = tree.explore()
+    return Proposal(
+        tree.selected(),
+        run.score_bound,
+        Status.FEASIBLE if finished else Status.TIME_LIMIT,
+        tree.stats(),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """The arrays of a problem over the candidates `ids` that are left; see `tree.search`."""
+
+    kind: int
+    base: FloatArray
+    root: FloatArray
+    V: FloatArray
+    group: IntArray
+    cost: FloatArray
+    purse: float
+    k: int
+    priced: bool
+    required: BoolArray
+    ids: IntArray
+
+    def keep(self, mask: BoolArray) -> Design:
+        """Return the design over some of its candidates."""
+        _, group = np.unique(self.group[mask], return_inverse=True)
+        return Design(
+            self.kind,
+            self.base,
+            self.root,
+            np.ascontiguousarray(self.V[mask]),
+            group.astype(np.int64),
+            self.cost[mask],
+            self.purse,
+            self.k,
+            self.priced,
+            self.required[mask],
+            self.ids[mask],
+        )
+
+
+def design_of(problem: Problem) -> Design:
+    """Lay out the problem: usable candidates, whitened by the prior where that keeps the value."""
+    objective, constraints = problem.objective, problem.constraints
+    if not isinstance(objective, LogDet):
+        raise ValueError(f"method branch needs log_det or trace_inverse, got {objective.name}")
+    if constraints.separation_m:
+        raise ValueError("method branch cannot keep budget.separation_m")
+    kind = LOG_DET if objective.maximise else TRACE_INVERSE
+    n, c, r = objective.n_states, objective.n_candidates, objective.rank
+    root = np.linalg.cholesky(objective.prior)
+    base, columns = objective.prior, objective.columns
+    if kind == LOG_DET:  # M = L (I + Σ …) Lᵀ: the score is the second factor's log det
+        columns = solve_triangular(root, columns, lower=True)
+        base = root = np.eye(n)
+    V = np.ascontiguousarray(columns.reshape(n, c, r).transpose(1, 2, 0))
+    usable = constraints.usable()
+    usable[constraints.required] = True
+    if kind == LOG_DET:
+        usable &= np.any(V != 0.0, axis=(1, 2)) | np.isin(np.arange(c), constraints.required)
+    alone = constraints.group < 0
+    key = np.where(alone, constraints.group.max(initial=0) + 1 + np.arange(c), constraints.group)
+    _, group = np.unique(key, return_inverse=True)
+    required = np.zeros(c, dtype=np.bool_)
+    required[constraints.required] = True
+    cost = np.zeros(c) if constraints.cost is None else constraints.cost.astype(np.float64)
+    design = Design(
+        kind,
+        np.ascontiguousarray(base, dtype=np.float64),
+        np.ascontiguousarray(root, dtype=np.float64),
+        V,
+        group.astype(np.int64),
+        cost,
+        constraints.purse if constraints.limits_money else np.inf,
+        constraints.budget,
+        constraints.limits_money,
+        required,
+        np.arange(c),
+    ).keep(usable)
+    # Every design can be filled up to a base of the matroid, and none gets worse by it.
+    most = int(np.unique(design.group).size)
+    return replace_k(design, min(constraints.budget, most))
+
+
+def replace_k(design: Design, k: int) -> Design:
+    """Return `design` with room for `k`."""
+    values = {name: getattr(design, name) for name in design.__slots__}
+    return Design(**(values | {"k": k}))
+
+
+@dataclass(slots=True)
+class Tree:
+    """The open nodes, the best design, and what is proven."""
+
+    problem: Problem
+    run: Run
+    design: Design = field(init=False)
+    score: float = -np.inf
+    closed: float = -np.inf
+    nodes: int = 0
+    projects: bool = False
+    _best: IntArray = field(init=False)
+    _open: list[tuple[float, int, Any, Any, float]] = field(default_factory=list)
+    _made: int = 0
+    _root: dict[str, Any] = field(default_factory=dict)
+
+    def start(self) -> None:
+        """Lay out the arrays and find a first design."""
+        self.run.incumbent = [int(i) for i in np.unique(self.problem.constraints.required)]
+        self.design = design_of(self.problem)
+        self._best = self.design.ids[self.design.required]
+        self.score = self._score(self._best)
+        self._swap(np.flatnonzero(self.design.required))
+        for start in range(STARTS):
+            if self.run.out_of_time():
+                break
+            self.run.progress("swapping", start / STARTS)
+            self._swap(self._random_start())
+
+    def explore(self) -> bool:
+        """Work until nothing is open or time is up; return whether nothing is."""
+        if self.run.out_of_time():
+            return False
+        self._plant()
+        while self._open:
+            self._publish()
+            if self.run.out_of_time():
+                return False
+            bound, _, state, x, price = heapq.heappop(self._open)
+            if -bound <= self.score + self._slack():
+                self.closed = max(self.closed, -bound)
+                continue
+            self._dive(-bound, state, x, price, DIVE, ROUNDS)
+        self._publish()
+        return True
+
+    def selected(self) -> list[int]:
+        """Return the best design."""
+        return sorted(int(i) for i in self._best)
+
+    def stats(self) -> dict[str, Any]:
+        """Return what there is to tell."""
+        return {
+            "nodes": self.nodes,
+            "open": len(self._open),
+            "projected": self.projects,
+            **self._root,
+        }
+
+    def _slack(self) -> float:
+        return 0.5 * OPTIMAL_GAP * abs(self.score)
+
+    def _plant(self) -> None:
+        """Bound the root by whichever bound is better there; strike out whom it excludes."""
+        design = self.design
+        state = np.where(design.required, IN, FREE).astype(np.int8)
+        r, n = design.V.shape[1:]
+        ways = [False]
+        if design.kind == LOG_DET and not design.priced and design.k * r == n:
+            ways.append(True)
+        bounds = []
+        for way in ways:
+            probe = Tree(self.problem, self.run)
+            probe.design, probe.score, probe._best = design, self.score, self._best
+            probe.projects = way
+            probe._dive(np.inf, state, np.zeros(len(state)), 0.0, 1, ROOT_ROUNDS)
+            bounds.append((probe.bound(), way, probe))
+        # Below the root only the projected bound gains by every candidate fixed in.
+        near = 0.1 * (bounds[0][0] - self.score)
+        _, self.projects, probe = min(bounds, key=lambda entry: entry[0] - near * entry[1])
+        self._root = {"root_bound": probe.bound(), "root_gap": probe.bound() - self.score}
+        self.nodes, self.closed = probe.nodes, probe.closed
+        self.score, self._best, self._open = probe.score, probe._best, probe._open
+        self._shrink()
+
+    def _shrink(self) -> None:
+        """Leave out the candidates that no open node allows."""
+        if not self._open:
+            return
+        keep = np.zeros(len(self.design.ids), dtype=np.bool_)
+        for _, _, state, _, _ in self._open:
+            keep |= state != OUT
+        self.design = self.design.keep(keep)
+        self._open = [(b, n, s[keep], x[keep], p) for b, n, s, x, p in self._open]
+        self._root["candidates_left"] = int(keep.sum())
+
+    def bound(self) -> float:
+        """Return the bound on every design's score."""
+        best_open = -min((entry[0] for entry in self._open), default=np.inf)
+        return max(self.score, self.closed, best_open)
+
+    def _publish(self) -> None:
+        """Tell the run what is proven; the heap's first is its greatest."""
+        best_open = -self._open[0][0] if self._open else -np.inf
+        bound = max(self.score, self.closed, best_open)
+        if np.isfinite(bound):
+            known = self.run.score_bound
+            self.run.score_bound = bound if known is None else min(known, bound)
+        gap = (bound - self.score) / max(abs(self.score), 1e-300)
+        self.run.progress(
+            f"{self.nodes} nodes, {len(self._open)} open, {self.score:.8g} ≤ {bound:.8g} "
+            f"({100 * gap:.2g} %)",
+            None,
+        )
+
+    def _dive(
+        self, bound: float, state: Any, x: FloatArray, price: float, limit: int, rounds: int
+    ) -> None:
+        """Search below one node for `limit` nodes; keep what stays open."""
+        design = self.design
+        c = len(design.ids)
+        size = c + 8
+        states = np.empty((size, c), dtype=np.int8)
+        xs = np.empty((size, c))
+        bounds, prices = np.empty(size), np.zeros(size)
+        states[0], xs[0], bounds[0], prices[0] = state, x, bound, price
+        chosen = np.full(max(design.k, 1), -1, dtype=np.int64)
+        top = 1
+        while top > 0:
+            top, nodes, score, closed = search(
+                design.kind, self.projects, design.base, design.root, design.V, design.group,
+                design.cost, design.purse, design.k, design.priced, self._slack(),
+                states, xs, bounds, prices, top, limit, rounds, self.score, chosen,
+            )  # fmt: skip
+            self.nodes += nodes
+            self.closed = max(self.closed, closed)
+            if score > self.score:
+                self._improve(chosen)
+            if len(self._open) < MOST_OPEN or self.run.out_of_time():
+                break
+        for at in range(top):
+            self._made += 1
+            entry = (-bounds[at], self._made, states[at].copy(), xs[at].copy(), prices[at])
+            heapq.heappush(self._open, entry)
+
+    def _improve(self, chosen: IntArray) -> None:
+        found = chosen[chosen >= 0]
+        self._best = self.design.ids[found]
+        self.score = self._score(self._best)
+        self.run.incumbent = self.selected()
+        self._swap(found)
+
+    def _score(self, ids: IntArray) -> float:
+        """Score a design by the tree's own kernel, of which its bounds speak."""
+        design = self.design
+        inside = np.flatnonzero(np.isin(design.ids, ids))
+        return float(score_of(design.kind, design.base, design.V, inside, inside.size))
+
+    def _swap(self, start: IntArray) -> None:
+        """Better a design (indices into `ids`) by swaps and keep it if it is the best."""
+        design = self.design
+        chosen = np.full(max(design.k, 1), -1, dtype=np.int64)
+        chosen[: start.size] = start
+        count, score = better_by_swaps(
+            design.kind, design.base, design.V, design.group, design.cost, design.purse,
+            design.required, design.k, chosen, SWEEPS,
+        )  # fmt: skip
+        if score > self.score + 1e-12 * abs(self.score):
+            self.score = score
+            self._best = design.ids[chosen[:count]]
+            self.run.incumbent = self.selected()
+
+    def _random_start(self) -> IntArray:
+        """Draw a design: the required, then whoever fits, in a random order."""
+        design = self.design
+        chosen = [int(i) for i in np.flatnonzero(design.required)]
+        groups = {int(design.group[i]) for i in chosen}
+        spent = float(design.cost[chosen].sum())
+        for i in self.run.rng.permutation(len(design.ids)):
+            if len(chosen) >= design.k:
+                break
+            if int(design.group[i]) in groups or spent + design.cost[i] > design.purse:
+                continue
+            chosen.append(int(i))
+            groups.add(int(design.group[i]))
+            spent += float(design.cost[i])
+        return np.array(chosen, dtype=np.int64)
