@@ -1,7 +1,11 @@
-"""Measure the tables of docs/closed-loop.md anew: `python -m reports.closed_loop_document`."""
+"""Measure the tables of docs/closed-loop.md anew: `python -m reports.closed_loop_document`.
+
+Files of further roads may follow, as `--road Norisring.csv`.
+"""
 
 from __future__ import annotations
 
+import argparse
 import re
 import tempfile
 from pathlib import Path
@@ -17,6 +21,7 @@ def fill_document(text: str, folder: Path) -> str:
     """Return `text` with both tables replaced by what the study's CSV files in `folder` say."""
     tables = {
         "consistency": _consistency(pd.read_csv(folder / "consistency.csv")),
+        "prediction": _prediction(pd.read_csv(folder / "prediction.csv")),
         "dead_reckoning": _dead_reckoning(pd.read_csv(folder / "dead_reckoning.csv")),
     }
 
@@ -38,6 +43,21 @@ def _consistency(table: pd.DataFrame) -> str:
         rows.append([f"`{instance}`, {case}", cells["ekf"], cells["schmidt"]])
     header = ["", "EKF: predicted / simulated rms (m) / NEES / steps in band", "Schmidt–Kalman"]
     return _markdown(header, rows)
+
+
+def _prediction(table: pd.DataFrame) -> str:
+    rows = [
+        [
+            f"`{row['instance']}`",
+            f"{row['runs']:.0f}",
+            f"{row['predicted_rms_m']:.4f}",
+            f"{row['simulated_rms_m']:.4f}",
+            f"{row['difference_percent']:+.1f} % [{row['low_95_percent']:+.1f}, "
+            f"{row['high_95_percent']:+.1f}]",
+        ]
+        for row in table.to_dict("records")
+    ]
+    return _markdown(["", "runs", "predicted rms (m)", "simulated rms (m)", "difference"], rows)
 
 
 def _dead_reckoning(table: pd.DataFrame) -> str:
@@ -64,7 +84,10 @@ def _markdown(header: list[str], rows: list[list[str]]) -> str:
 
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--road", type=Path, action="append", default=[])
+    given = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
-        run(Path(scratch))
+        run(Path(scratch), roads=given.road)
         document = fill_document(DOCUMENT.read_text(encoding="utf-8"), Path(scratch))
     DOCUMENT.write_text(document, encoding="utf-8")
