@@ -97,6 +97,8 @@ def budget_curve(
         share = max(0.0, deadline - time.monotonic()) / (len(budgets) - n)
         tell(f"budget {budgets[n]}", n / len(budgets))
         solutions.append(solve(each, method, time_limit_s=share, seed=seed))
+        if solutions[-1].stats.get("stopped_by") == "interrupt":
+            deadline = time.monotonic()  # what is left takes no time worth speaking of
     if not all(s.status.has_placement for s in solutions):
         return BudgetCurve(first, tuple(solutions))
     if problem.objective.submodular and time.monotonic() < deadline:

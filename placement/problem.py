@@ -10,6 +10,7 @@ import numpy as np
 
 from models.geometry import FloatArray
 from placement.constraints import Constraints
+from placement.interrupts import asked_to_stop
 from placement.objectives.base import Objective
 
 
@@ -48,9 +49,11 @@ class Run:
     score_bound: float | None = None  # best bound so far, valid at any time
 
     def remaining(self) -> float:
-        """Return the seconds left, never negative."""
+        """Return the seconds left, never negative; none once Ctrl-C asked to stop."""
+        if asked_to_stop():
+            return 0.0
         return max(0.0, self.deadline - time.monotonic())
 
     def out_of_time(self) -> bool:
-        """Return whether the time limit has passed."""
-        return time.monotonic() >= self.deadline
+        """Return whether the time limit has passed, or Ctrl-C asked to stop."""
+        return asked_to_stop() or time.monotonic() >= self.deadline

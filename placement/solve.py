@@ -11,13 +11,14 @@ import importlib
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from models.geometry import IntArray
 from placement.constraints import Infeasible
+from placement.interrupts import asked_to_stop, stop_on_request
 from placement.problem import Problem, Run
 from placement.solution import OPTIMAL_GAP, Proposal, Solution, Status
 
@@ -88,6 +89,12 @@ METHODS: dict[str, Method] = {
         "mixed-integer program with submodular and tangent cuts; optimal given time",
         proves_bound=True,
         keeps=_ALL,
+    ),
+    "branch": Method(
+        "placement.solvers.branch:solve_branch",
+        "dense designs: branch-and-bound on the concave relaxation; optimal given time",
+        proves_bound=True,
+        keeps=("budget.money",),
     ),
     "tempered": Method(
         "placement.solvers.tempered:solve_tempered",
@@ -165,7 +172,8 @@ def solve(
     run = Run(np.random.default_rng(seed), deadline=start + time_limit_s)
     if progress is not None:
         run.progress = progress
-    proposal = _propose(solver_of, problem, run)
+    with stop_on_request():
+        proposal = _propose(solver_of, problem, run)
     selected, value, bound, status, stats = _judge(problem, proposal, run)
     objective = problem.objective
     return Solution(
@@ -204,7 +212,11 @@ def _refuse_unkept(name: str, problem: Problem) -> None:
 def _propose(method: Method, problem: Problem, run: Run) -> Proposal:
     """Run the method; turn what stops it into a proposal with the best placement so far."""
     try:
-        return method.load()(problem, run)
+        proposal = method.load()(problem, run)
+        if asked_to_stop() and proposal.status is not Status.INFEASIBLE:
+            stats = {**proposal.stats, "stopped_by": "interrupt"}
+            return replace(proposal, status=Status.TIME_LIMIT, stats=stats)
+        return proposal
     except KeyboardInterrupt:
         status, stats = Status.TIME_LIMIT, {"stopped_by": "interrupt"}
     except Infeasible as error:

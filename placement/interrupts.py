@@ -1,0 +1,49 @@
+"""Ctrl-C asks a running solve to end; it then returns its best placement with its bound.
+
+An exception in the middle of things would not do: numba, HiGHS and imports swallow or break on it.
+So the first signal only sets a flag, which `Run.out_of_time` and `Run.remaining` read as the end
+of time; a second one interrupts at once.
+"""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+_ASKED = threading.Event()
+
+
+def asked_to_stop() -> bool:
+    """Return whether Ctrl-C has asked the running solve to end."""
+    return _ASKED.is_set()
+
+
+@contextmanager
+def stop_on_request() -> Iterator[None]:
+    """Let Ctrl-C end time inside this block instead of raising.
+
+    Only in the main thread, where signals arrive, and only where nobody else handles them.
+    """
+    mine = (
+        threading.current_thread() is threading.main_thread()
+        and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    )
+    if not mine:
+        yield
+        return
+    _ASKED.clear()
+    signal.signal(signal.SIGINT, _ask)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        _ASKED.clear()
+
+
+def _ask(number: int, frame: FrameType | None) -> None:
+    if _ASKED.is_set():
+        signal.default_int_handler(number, frame)
+    _ASKED.set()

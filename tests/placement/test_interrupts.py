@@ -1,0 +1,174 @@
+"""Ctrl-C during any method: the best placement so far and its bound, written whole."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.synthetic_drives import random_drive
+from placement.budget_curve import budget_curve
+from placement.constraints import count_only
+from placement.interrupts import asked_to_stop
+from placement.objectives.entropy import Entropy
+from placement.objectives.trace import Trace
+from placement.problem import Problem, Run
+from placement.solution import Proposal, Status
+from placement.solve import METHODS, solve
+
+OBJECTIVES = {"diagram": "trace", "tempered": "entropy"}
+
+
+def problem_for(method: str, new_problem: Callable[..., Problem]) -> Problem:
+    """Return a problem that the method takes, big enough for some progress."""
+    rng = np.random.default_rng(3)
+    kind = OBJECTIVES.get(method, "localisation")
+    if kind == "localisation":
+        return new_problem(rng, n_candidates=60, n_samples=80, budget=6)
+    drive = random_drive(rng, n_samples=60, n_candidates=40)
+    objective = Entropy([drive]) if kind == "entropy" else Trace([drive])
+    return Problem(objective, count_only(40, 5), np.arange(40.0), 60.0)
+
+
+def interrupt() -> None:
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_any_method_returns_a_placement_with_its_bound_once_asked_to_stop(
+    method: str, new_problem: Callable[..., Problem]
+) -> None:
+    problem = problem_for(method, new_problem)
+    asked = []
+
+    def once(_text: str, _share: float | None) -> None:
+        if not asked:
+            asked.append(True)
+            interrupt()
+
+    found = solve(problem, method, progress=once)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert not asked_to_stop()
+    assert not problem.constraints.violations(found.selected)
+    assert found.status in (Status.TIME_LIMIT, Status.OPTIMAL, Status.FEASIBLE), found.stats
+    if asked:
+        assert found.stats["stopped_by"] == "interrupt"
+    else:
+        assert method in ("random", "uniform"), "no progress was told"
+    if METHODS[method].proves_bound and problem.objective.submodular:
+        assert found.bound is not None
+        assert found.bound >= found.value
+
+
+def test_a_second_interrupt_does_not_wait_for_the_method(
+    monkeypatch: pytest.MonkeyPatch, new_problem: Callable[..., Problem]
+) -> None:
+    def deaf(_problem: Problem, run: Run) -> Proposal:
+        run.incumbent, run.score_bound = [2], 1e6
+        interrupt()
+        assert run.out_of_time()
+        assert run.remaining() == 0.0
+        interrupt()
+        raise AssertionError("it waited")
+
+    method = replace(METHODS["greedy"])
+    monkeypatch.setattr(type(method), "load", lambda _self: deaf)
+    found = solve(new_problem(np.random.default_rng(0)), "greedy")
+    assert found.selected == (2,)
+    assert found.bound == pytest.approx(1e6)
+    assert found.stats["stopped_by"] == "interrupt"
+
+
+def test_an_interrupt_ends_a_whole_budget_curve(new_problem: Callable[..., Problem]) -> None:
+    problem = new_problem(np.random.default_rng(0), n_candidates=40, n_samples=60)
+    seen: list[str] = []
+
+    def tell(text: str, _share: float | None) -> None:
+        seen.append(text)
+
+    original = Run.out_of_time
+    calls = []
+
+    def out_of_time(run: Run) -> bool:
+        calls.append(1)
+        if len(calls) == 3:
+            interrupt()
+        return original(run)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Run, "out_of_time", out_of_time)
+        curve = budget_curve(problem, 1, 12, "exchange", progress=tell)
+    assert len(curve.solutions) == 12
+    assert curve.solutions[0].stats["stopped_by"] == "interrupt"
+    assert {s.status for s in curve.solutions[1:]} <= {Status.TIME_LIMIT, Status.OPTIMAL}
+
+
+ROAD = """
+[road]
+pieces = [{length = 300}, {length = 150, curvature = 0.01}, {length = 400}]
+[camera]
+yaw_deg = [0, 60, 120, 180, 240, 300]
+pitch_deg = [20, 35, 50]
+[mounts]
+spacing_m = 4.0
+[objective]
+kind = "KIND"
+[budget]
+cameras = 25
+"""
+
+
+def interrupted_solve(folder: Path, method: str) -> dict[str, Any]:
+    """Start `placement solve`, interrupt it once the solver speaks, return what it wrote."""
+    instance = folder / "road.toml"
+    instance.write_text(ROAD.replace("KIND", OBJECTIVES.get(method, "localisation")))
+    out = folder / "out"
+    words = ["solve", str(instance), "--out", str(out), "--method", method]
+    slow_watch = "import placement.watch as w; w.PLAIN_EVERY_S = 0.0; import placement.cli as c; "
+    code = slow_watch + f"import sys; sys.argv[1:] = {words!r}; c.main()"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+        env=environment,
+    )
+    assert process.stderr is not None
+    lines = []
+    for line in process.stderr:
+        lines.append(line)
+        if "writing" in line or ("computing" not in line and "s]" in line):
+            break
+    time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, rest = process.communicate(timeout=120)
+    assert process.returncode == 0, (lines, rest)
+    assert not [p for p in out.iterdir() if p.name.startswith(".")]
+    record: dict[str, Any] = json.loads((out / "solution.json").read_text())
+    return record
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "method",
+    # the others are done before anybody could interrupt
+    [m for m in METHODS if m not in ("random", "uniform", "cascade")],
+)
+def test_an_interrupted_command_writes_its_solution_whole(tmp_path: Path, method: str) -> None:
+    record = interrupted_solve(tmp_path, method)
+    assert record["status"] in ("time_limit", "optimal", "feasible")
+    assert record["stats"].get("stopped_by") == "interrupt" or record["status"] != "time_limit"
+    assert record["selected"]
+    if METHODS[method].proves_bound and method != "diagram":
+        assert record["upper_bound"] >= record["value"]
