@@ -213,16 +213,17 @@ def _propose(method: Method, problem: Problem, run: Run) -> Proposal:
     """Run the method; turn what stops it into a proposal with the best placement so far."""
     try:
         proposal = method.load()(problem, run)
-        if asked_to_stop() and proposal.status is not Status.INFEASIBLE:
-            stats = {**proposal.stats, "stopped_by": "interrupt"}
-            return replace(proposal, status=Status.TIME_LIMIT, stats=stats)
-        return proposal
     except KeyboardInterrupt:
         status, stats = Status.TIME_LIMIT, {"stopped_by": "interrupt"}
     except Infeasible as error:
         return Proposal([], None, Status.INFEASIBLE, {"reason": str(error)})
     except (ArithmeticError, np.linalg.LinAlgError) as error:
         status, stats = Status.NUMERICAL_ERROR, {"error": f"{type(error).__name__}: {error}"}
+    else:
+        if asked_to_stop() and proposal.status is not Status.INFEASIBLE:
+            stats = {**proposal.stats, "stopped_by": "interrupt"}
+            return replace(proposal, status=Status.TIME_LIMIT, stats=stats)
+        return proposal
     return Proposal(_incumbent(problem, run), run.score_bound, status, stats)
 
 

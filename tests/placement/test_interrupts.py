@@ -137,7 +137,7 @@ def interrupted_solve(folder: Path, method: str) -> dict[str, Any]:
     slow_watch = "import placement.watch as w; w.PLAIN_EVERY_S = 0.0; import placement.cli as c; "
     code = slow_watch + f"import sys; sys.argv[1:] = {words!r}; c.main()"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    process = subprocess.Popen(
+    process = subprocess.Popen(  # noqa: S603
         [sys.executable, "-c", code],
         stderr=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
