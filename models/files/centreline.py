@@ -11,6 +11,8 @@ from models.geometry import FloatArray
 from models.roads import MIN_STEP_M, Road, road_from_points
 
 COLUMNS = ("x_m", "y_m", "w_tr_right_m", "w_tr_left_m")
+# Beyond any map's coordinates and any road's width: whatever is larger is not in metres.
+MOST_M = {"x_m": 1e9, "y_m": 1e9, "w_tr_right_m": 1e3, "w_tr_left_m": 1e3}
 
 
 def read_centreline(
@@ -104,5 +106,7 @@ def _parse_row(cells: list[str], order: tuple[str, ...], where: str) -> list[flo
             raise ValueError(f"{where}: {name} must be finite, got {cell}")
         if value < 0.0 and name.startswith("w_"):
             raise ValueError(f"{where}: {name} must be 0 or more, got {cell}")
+        if abs(value) > MOST_M[name]:
+            raise ValueError(f"{where}: {name} must be at most {MOST_M[name]:g}, got {cell}")
         row.append(value)
     return row

@@ -13,10 +13,9 @@ from placement.instance.values import (
     LOOSE,
     NOT_EMPTY_NOR_REPEATING,
     NotNegative,
-    NumberOrPair,
     Pair,
-    Positive,
     Section,
+    as_pair,
     interval,
     refuse,
 )
@@ -37,6 +36,22 @@ FieldDeg = Annotated[float, interval(0.0, 360.0, ends="(]")]
 FieldsDeg = Annotated[tuple[FieldDeg, FieldDeg], LOOSE]
 PixelCount = Annotated[int, interval(1, 100_000)]
 MountNumber = Annotated[int, interval(0, math.inf)]
+# Beyond what any road, car or camera is, so that no product of them leaves the floats.
+Length = Annotated[float, interval(0.0, 1e6, ends="(]")]
+Reach = Annotated[float, interval(0.0, 1e4, ends="(]")]
+Offset = Annotated[float, interval(0.0, 1e3)]
+Width = Annotated[float, interval(0.0, 1e3, ends="(]")]
+Speed = Annotated[float, interval(0.0, 200.0, ends="(]")]
+Prior = Annotated[float, interval(1e-6, 1e6)]
+Alpha = Annotated[float, interval(0.0, 10.0)]
+Sigma = Annotated[float, interval(0.0, 1e4)]
+Density = Annotated[float, interval(0.0, 1e2)]
+Cost = Annotated[float, interval(0.0, 1e15)]
+Curvature = Annotated[
+    tuple[Annotated[float, interval(-10.0, 10.0)], Annotated[float, interval(-10.0, 10.0)]],
+    LOOSE,
+    BeforeValidator(as_pair),
+]
 Polygon = Annotated[tuple[Pair, ...], LOOSE]
 
 
@@ -55,8 +70,8 @@ Polygons = Annotated[tuple[Polygon, ...], LOOSE, AfterValidator(_check_polygons)
 class PieceSection(Section):
     """One piece of a road: its curvature is one number, or runs linearly from start to end."""
 
-    length: Positive
-    curvature: NumberOrPair = (0.0, 0.0)
+    length: Length
+    curvature: Curvature = (0.0, 0.0)
 
 
 class ConstructSection(Section):
@@ -65,7 +80,7 @@ class ConstructSection(Section):
     start: Annotated[tuple[float, float, float], LOOSE]
     goal: Annotated[tuple[float, float, float], LOOSE]
     obstacles: Polygons = ()
-    min_radius_m: Positive = 20.0
+    min_radius_m: Reach = 20.0
     clearance_m: NotNegative = 1.0
 
 
@@ -80,8 +95,8 @@ class RoadSection(Section):
     file: str | None = None
     # pydantic's models have a method of the name `construct`; the file's key it is all the same.
     constructed: ConstructSection | None = Field(default=None, alias="construct")
-    width_m: Positive = 3.0
-    sample_spacing_m: Positive = 1.0
+    width_m: Width = 3.0
+    sample_spacing_m: Reach = 1.0
     closed: bool | None = None
 
     @model_validator(mode="after")
@@ -95,6 +110,14 @@ class RoadSection(Section):
             )
         if self.pieces is not None and not self.pieces:
             raise refuse("must not be empty", at=("pieces",), got=[])
+        for n, piece in enumerate(self.pieces or ()):
+            bend = max(map(abs, piece.curvature))
+            if bend * self.width_m >= 2.0:
+                raise refuse(
+                    f"must be below {2.0 / self.width_m:g} (2/width_m), where the inner edge ends",
+                    at=("pieces", n, "curvature"),
+                    got=bend,
+                )
         return self
 
 
@@ -105,11 +128,11 @@ class MountsSection(Section):
     `cost` is that of a camera put on a pole, whatever camera.
     """
 
-    spacing_m: Positive = 10.0
-    side_offset_m: NotNegative = 1.5
+    spacing_m: Length = 10.0
+    side_offset_m: Offset = 1.5
     sides: Annotated[tuple[Side, ...], LOOSE, NOT_EMPTY_NOR_REPEATING] = ("left", "right")
     height_m: Annotated[tuple[HeightM, ...], LOOSE, NOT_EMPTY_NOR_REPEATING] = (6.0,)
-    cost: NotNegative = 0.0
+    cost: Cost = 0.0
     file: str | None = None
 
     @model_validator(mode="after")
@@ -139,9 +162,9 @@ class CameraSection(Section):
         (90.0, 68.0),
     )
     distortion: Annotated[tuple[float, float, float, float], LOOSE] = (0.0, 0.0, 0.0, 0.0)
-    rate_hz: Positive = 10.0
-    max_range_m: Positive = 150.0
-    price: NotNegative = 0.0
+    rate_hz: Reach = 10.0
+    max_range_m: Reach = 150.0
+    price: Cost = 0.0
     catalogue: str | None = None
 
     @model_validator(mode="after")
@@ -189,14 +212,14 @@ class ErrorsSection(Section):
     orientation_95_deg: Annotated[float, interval(0.0, 45.0)] = 0.5
     algorithm_95_px: Annotated[float, interval(0.0, 1000.0)] = 4.0
     persistent: bool = True
-    report_limit_m: Positive = 2.0
+    report_limit_m: Reach = 2.0
 
 
 class ObstaclesSection(Section):
     """What blocks a camera's view: prisms of one height, given here or in a file."""
 
     polygons: Polygons = ()
-    height_m: Positive = 10.0
+    height_m: Reach = 10.0
     file: str | None = None
 
 
@@ -207,14 +230,12 @@ class VehicleSection(Section):
     """
 
     profile: ProfileName = "car"
-    heading_deg_per_sqrt_m: NotNegative | None = None
-    along_m_per_sqrt_m: NotNegative | None = None
-    across_m_per_sqrt_m: NotNegative | None = None
-    alphas: Annotated[tuple[NotNegative, NotNegative, NotNegative, NotNegative], LOOSE] | None = (
-        None
-    )
-    speed_mps: Positive = 20.0
-    initial_sigma: Annotated[tuple[NotNegative, NotNegative, NotNegative], LOOSE] = (0.1, 0.1, 0.01)
+    heading_deg_per_sqrt_m: Density | None = None
+    along_m_per_sqrt_m: Density | None = None
+    across_m_per_sqrt_m: Density | None = None
+    alphas: Annotated[tuple[Alpha, Alpha, Alpha, Alpha], LOOSE] | None = None
+    speed_mps: Speed = 20.0
+    initial_sigma: Annotated[tuple[Sigma, Sigma, Sigma], LOOSE] = (0.1, 0.1, 0.01)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
@@ -264,8 +285,8 @@ class ObjectiveSection(Section):
     kind: ObjectiveKind = "trace"
     weight: WeightName = "position"
     weights: Annotated[tuple[NotNegative, ...], LOOSE] | None = None
-    tolerance_m: Positive = 0.29
-    prior_sigma_m: Positive = 0.5
+    tolerance_m: Reach = 0.29
+    prior_sigma_m: Prior = 0.5
     drives: Drives | None = None
 
 
@@ -291,7 +312,7 @@ class PoseSelector(Section):
 class PoseCost(PoseSelector):
     """What the poses that a selector fits cost beyond mount and camera."""
 
-    cost: NotNegative
+    cost: Cost
 
 
 def _choice_kind(value: object) -> str:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Hashable, Sequence
 from typing import Annotated, Any, TypeVar
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
 Number = float | int
@@ -57,7 +57,8 @@ def _check_list(items: tuple[Item, ...]) -> tuple[Item, ...]:
     return items
 
 
-def _as_pair(value: Any) -> Any:
+def as_pair(value: Any) -> Any:
+    """Take one number for two equal ones."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         return (value, value)
     if not isinstance(value, list | tuple):
@@ -70,4 +71,3 @@ LOOSE = Field(strict=False)  # a TOML array becomes a tuple; its items stay stri
 Positive = Annotated[float, interval(0.0, math.inf, ends="()")]
 NotNegative = Annotated[float, interval(0.0, math.inf, ends="[)")]
 Pair = Annotated[tuple[float, float], LOOSE]
-NumberOrPair = Annotated[tuple[float, float], LOOSE, BeforeValidator(_as_pair)]

@@ -109,7 +109,7 @@ def test_a_curvature_is_a_number_or_runs_between_two() -> None:
         ({"road": {"pieces": []}}, "road.pieces must not be empty, got []"),
         (
             {"road": {"pieces": [{"length": 0}]}},
-            "road.pieces[0].length must be greater than 0, got 0",
+            "road.pieces[0].length must lie in (0, 1e+06], got 0",
         ),
         (
             {"road": {"pieces": [{"length": 1, "curvature": [0, float("nan")]}]}},
@@ -122,11 +122,32 @@ def test_a_curvature_is_a_number_or_runs_between_two() -> None:
         ({"road": {"pieces": [{}]}}, "road.pieces[0].length is missing"),
         ({"mounts": {"height_m": [6, 0]}}, "mounts.height_m[1] must lie in (0, 100], got 0"),
         ({"mounts": {"sides": ["up"]}}, 'mounts.sides[0] must be "left" or "right", got "up"'),
-        ({"mounts": {"spacing_m": 0}}, "mounts.spacing_m must be greater than 0, got 0"),
+        ({"mounts": {"spacing_m": 0}}, "mounts.spacing_m must lie in (0, 1e+06], got 0"),
         ({"errors": {"position_95_m": -1}}, "errors.position_95_m must lie in [0, 10], got -1"),
         (
             {"errors": {"orientation_95_deg": 46}},
             "errors.orientation_95_deg must lie in [0, 45], got 46",
+        ),
+        (
+            {"mounts": {"side_offset_m": 1e300}},
+            "mounts.side_offset_m must lie in [0, 1000], got 1e+300",
+        ),
+        (
+            {"road": {"pieces": [{"length": 1}], "width_m": 1e300}},
+            "road.width_m must lie in (0, 1000], got 1e+300",
+        ),
+        (
+            {"road": {"pieces": [{"length": 1, "curvature": 1e9}]}},
+            "road.pieces[0].curvature[0] must lie in [-10, 10], got 1000000000",
+        ),
+        (
+            {"road": {"pieces": [{"length": 1, "curvature": [0.1, -0.8]}]}},
+            "road.pieces[0].curvature must be below 0.666667 (2/width_m), where the inner edge "
+            "ends, got 0.8",
+        ),
+        (
+            {"vehicle": {"initial_sigma": [1e10, 0, 0]}},
+            "vehicle.initial_sigma[0] must lie in [0, 10000], got 10000000000",
         ),
         ({"errors": {"persistent": 1}}, "errors.persistent must be true or false, got 1"),
         (
