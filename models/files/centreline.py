@@ -10,6 +10,7 @@ import numpy as np
 from models.geometry import FloatArray
 from models.roads import MIN_STEP_M, Road, road_from_points
 
+LEAST_RADIUS_M = 0.1  # less is a fold in the data, not a bend
 COLUMNS = ("x_m", "y_m", "w_tr_right_m", "w_tr_left_m")
 # Beyond any map's coordinates and any road's width: whatever is larger is not in metres.
 MOST_M = {"x_m": 1e9, "y_m": 1e9, "w_tr_right_m": 1e3, "w_tr_left_m": 1e3}
@@ -28,7 +29,7 @@ def read_centreline(
 
     Raises a ValueError of one line that names the file and the line: no such file, a field that is
     not a finite number, rows of different lengths, a negative width, two equal neighbouring
-    points, fewer than two rows (three if closed).
+    points, fewer than two rows (three if closed), a fold.
     """
     path = Path(path)
     values, lines = _read_table(path)
@@ -49,9 +50,21 @@ def read_centreline(
         )
     if closed is None:
         closed = _looks_closed(points, steps)
-    if values.shape[1] == 2:
-        return road_from_points(points, closed=closed, left_m=half_width_m, right_m=half_width_m)
-    return road_from_points(points, closed=closed, right_m=values[:, 2], left_m=values[:, 3])
+    left, right = (half_width_m,) * 2 if values.shape[1] == 2 else (values[:, 3], values[:, 2])
+    road = road_from_points(points, closed=closed, left_m=left, right_m=right)
+    table = road.table(max(0.05, road.length_m / 1e6))
+    turn = np.maximum(
+        np.abs(np.diff(table.heading_rad)) / 1.5,  # a cusp turns by π from one point to the next
+        np.abs(table.curvature[1:]) * LEAST_RADIUS_M,
+    )
+    if turn.max() > 1.0:
+        sharp = int(np.argmax(turn))
+        raise ValueError(
+            f"{path}: the curve through the points must turn on a radius of at least "
+            f"{LEAST_RADIUS_M:g} m, got a fold near "
+            f"({table.x_m[sharp]:.6g}, {table.y_m[sharp]:.6g})"
+        )
+    return road
 
 
 def _looks_closed(points: FloatArray, steps: FloatArray) -> bool:

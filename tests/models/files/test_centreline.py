@@ -123,3 +123,10 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
     binary.write_bytes(b"\xff\xfe\x00\x81")
     with pytest.raises(ValueError, match=r": cannot be read: not a text file$"):
         read_centreline(binary)
+
+
+def test_a_road_that_folds_back_on_itself_is_refused_with_the_place(tmp_path: Path) -> None:
+    path = tmp_path / "line.csv"
+    path.write_text("0,0\n10,0\n20,0\n30,0\n", encoding="utf-8")
+    with pytest.raises(ValueError, match=r"radius of at least 0\.1 m, got a fold near \("):
+        read_centreline(path, closed=True)

@@ -137,7 +137,7 @@ def test_a_curvature_is_a_number_or_runs_between_two() -> None:
             "road.width_m must lie in (0, 1000], got 1e+300",
         ),
         (
-            {"road": {"pieces": [{"length": 1, "curvature": 1e9}]}},
+            {"road": {"pieces": [{"length": 1, "curvature": [1e9, 0]}]}},
             "road.pieces[0].curvature[0] must lie in [-10, 10], got 1000000000",
         ),
         (
