@@ -44,7 +44,7 @@ def gains_over(kind, W, V, out):  # type: ignore[no-untyped-def]
 
     log det(I + FᵀΘF), or tr((I + FᵀΘF)⁻¹ FᵀΘ²F).
     """
-    c, r, n = V.shape
+    c, r = V.shape[:2]
     for i in range(c):
         left = V[i] @ W.T  # (r, n)
         block = left @ left.T

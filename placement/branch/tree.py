@@ -163,7 +163,7 @@ def relax(
     best, best_total, best_constant, best_fixed, best_price = np.inf, 0.0, 0.0, 0.0, price
     low, high = 0.0, np.inf  # prices known to be too low, and too high
     if whole:
-        _fill(x, local, distinct, m)
+        _fill(x, local, m)
     for turn in range(rounds):
         M = within.copy()
         weighted = G.copy()
@@ -315,7 +315,7 @@ def _local_groups(group, ids):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _fill(x, local, distinct, m):  # type: ignore[no-untyped-def]
+def _fill(x, local, m):  # type: ignore[no-untyped-def]
     """Scale x to Σ x = m as far as its groups have room, then fill up in order."""
     total = np.sum(x)
     if total > m:

@@ -3,79 +3,49 @@
     f(S) = log det(Λ + Σ_{i ∈ S} F_i F_iᵀ) − log det Λ
 
 for any state dimension n and rank r of the factors F_i (n, r). Monotone and submodular, concave
-in fractional choices. Everything is computed from a Cholesky factor of the current sum, which is
-made anew after each change: n³ is little beside c·n² at the sizes of public designs, and no
-rounding error builds up behind a prior of 1e-6.
+in fractional choices.
+
+A state keeps Y_i = M^{-1/2} F_i, M the information so far. Adding a column y of Y turns every
+other by I − γ y yᵀ, γ = (1 − 1/√(1 + y·y)) / y·y, the square root of Sherman and Morrison's
+formula: nothing is subtracted from a sum, so a prior of 1e-6 costs no digits, where downdating
+y·y itself loses half of them. Turns are stored and made up for when a candidate's gain is asked
+for, so that lazy greedy pays for whom it looks at.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike
 from scipy.linalg import solve_triangular
 
-from models.geometry import BoolArray, FloatArray, IntArray, frozen
+from models.geometry import FloatArray, IntArray
+from placement.objectives.dense_design import DenseDesign, Selection
 
 
-class LogDet:
-    """Score sets of candidates by the log det of what they tell about a state, in nats.
-
-    `prior` (n, n) is the information before any candidate, symmetric and positive definite;
-    candidate i adds `factors[i] @ factors[i].T`, `factors` (c, n, r).
-
-    Raises:
-        ValueError: for shapes that disagree, numbers that are not finite, or a prior that is not
-            symmetric (to 1e-9 relative) or not positive definite.
-    """
+class LogDet(DenseDesign):
+    """Score sets of candidates by the log det of what they tell about a state, in nats."""
 
     name = "log_det"
     unit = "nats"
     maximise = True
     submodular = True
 
-    def __init__(self, prior: FloatArray, factors: FloatArray) -> None:
-        """Check the arrays and lay the factors side by side."""
-        prior, factors = np.asarray(prior, dtype=float), np.asarray(factors, dtype=float)
-        if prior.ndim != 2 or prior.shape[0] != prior.shape[1] or not prior.size:
-            raise ValueError(f"prior must have shape (n, n), got {prior.shape}")
-        n = len(prior)
-        if factors.ndim != 3 or factors.shape[1] != n:
-            raise ValueError(f"factors must have shape (c, {n}, r), got {factors.shape}")
-        for name, array in (("prior", prior), ("factors", factors)):
-            if not np.all(np.isfinite(array)):
-                at = np.argwhere(~np.isfinite(array))[0].tolist()
-                raise ValueError(f"{name}{at} must be finite, got {array[tuple(at)]}")
-        asymmetry = float(np.max(np.abs(prior - prior.T)))
-        if asymmetry > 1e-9 * float(np.max(np.abs(prior))):
-            raise ValueError(f"prior must be symmetric, got entries that differ by {asymmetry:g}")
-        try:
-            np.linalg.cholesky(prior)
-        except np.linalg.LinAlgError:
-            least = float(np.linalg.eigvalsh(prior)[0])
-            raise ValueError(
-                f"prior must be positive definite, got least eigenvalue {least:g}"
-            ) from None
-        self.prior: FloatArray = frozen(0.5 * (prior + prior.T))  # type: ignore[assignment]
-        self.n_states = n
-        self.rank = factors.shape[2]
-        self._n_candidates = len(factors)
-        # (n, c·r): the columns of all factors, a candidate's beside each other.
-        self.columns: FloatArray = np.ascontiguousarray(factors.transpose(1, 0, 2)).reshape(n, -1)
-        self._prior_log_det = float(np.linalg.slogdet(prior)[1])
-
-    @property
-    def n_candidates(self) -> int:
-        """The number of candidates, c."""
-        return self._n_candidates
+    def __init__(self, prior: ArrayLike, factors: ArrayLike) -> None:
+        """Check the arrays; see `DenseDesign`."""
+        super().__init__(prior, factors)
+        self._whitened: FloatArray | None = None
+        self._first_gains: FloatArray | None = None
 
     def value(self, selected: IntArray) -> float:
-        """Evaluate a set by LU, apart from the states' Cholesky factors."""
-        chosen = np.sort(np.asarray(selected, dtype=np.int64).reshape(-1))
-        if np.unique(chosen).size != chosen.size:
-            raise ValueError(f"a candidate is selected twice in {chosen.tolist()}")
-        if chosen.size and (chosen[0] < 0 or chosen[-1] >= self.n_candidates):
-            raise ValueError(f"candidates must lie in 0…{self.n_candidates - 1}")
-        F = self.factor(chosen)
-        return float(np.linalg.slogdet(self.prior + F @ F.T)[1]) - self._prior_log_det
+        """Evaluate a set by LU, apart from the states; nothing known is worth 0, not an ulp less.
+
+        log det(I + Σ L⁻¹F (L⁻¹F)ᵀ), Λ = LLᵀ: a difference of two log dets would lose what a prior
+        of condition 1e8 loses twice.
+        """
+        chosen = self.checked(selected)
+        half = self.whitened()[chosen].reshape(-1, self.n_states)
+        return max(float(np.linalg.slogdet(np.eye(self.n_states) + half.T @ half)[1]), 0.0)
 
     def state(self, selected: IntArray | None = None) -> LogDetState:
         """Start a set, empty unless `selected` is given."""
@@ -86,89 +56,151 @@ class LogDet:
 
     def relaxed(self, x: FloatArray) -> tuple[float, FloatArray]:
         """Return log det(Λ + Σ x_i F_i F_iᵀ) − log det Λ and its gradient (c,) at `x` (c,) ≥ 0."""
-        weighted = self.columns * np.repeat(np.asarray(x, dtype=float), self.rank)
-        L = np.linalg.cholesky(self.prior + weighted @ self.columns.T)
-        score = 2.0 * float(np.sum(np.log(np.diag(L)))) - self._prior_log_det
-        half = solve_triangular(L, self.columns, lower=True, check_finite=False)
-        return score, np.sum(half * half, axis=0).reshape(self.n_candidates, self.rank).sum(axis=1)
+        half = self.whitened().reshape(-1, self.n_states)  # (c·r, n)
+        weights = np.repeat(np.asarray(x, dtype=float), self.rank)
+        L = np.linalg.cholesky(np.eye(self.n_states) + (half * weights[:, None]).T @ half)
+        score = max(2.0 * float(np.sum(np.log(np.diag(L)))), 0.0)
+        pulled = solve_triangular(L, half.T, lower=True, check_finite=False)
+        slopes = np.sum(pulled * pulled, axis=0).reshape(self.n_candidates, self.rank)
+        return score, slopes.sum(axis=1)
 
-    def factor(self, candidates: IntArray) -> FloatArray:
-        """Return the factors of `candidates` (m,) side by side, (n, m·r)."""
-        by_candidate = self.columns.reshape(self.n_states, self.n_candidates, self.rank)
-        return by_candidate[:, candidates].reshape(self.n_states, -1)
+    def whitened(self) -> FloatArray:
+        """Return Λ^{-1/2} F_i, a candidate's columns as rows: (c, r, n), made once."""
+        if self._whitened is None:
+            half = solve_triangular(self.root, self.columns, lower=True, check_finite=False)
+            rows = half.reshape(self.n_states, self.n_candidates, self.rank)
+            self._whitened = np.ascontiguousarray(rows.transpose(1, 2, 0))
+        return self._whitened
 
-    def log_det(self, L: FloatArray) -> float:
-        """Return the score whose information has the Cholesky factor `L` (n, n)."""
-        return 2.0 * float(np.sum(np.log(np.diag(L)))) - self._prior_log_det
+    def first_gains(self) -> FloatArray:
+        """Return every candidate's gain over the empty set, (c,), made once."""
+        if self._first_gains is None:
+            Y, none = self.whitened(), np.empty((0, self.n_states))
+            made_up = np.zeros(self.n_candidates, dtype=np.int64)
+            gains = np.empty(self.n_candidates)
+            gains_after(np.arange(self.n_candidates), Y, made_up, none, np.empty(0), 0, gains)
+            self._first_gains = gains
+        return self._first_gains
 
 
 class LogDetState:
-    """Keep the information of the chosen candidates and its Cholesky factor."""
+    """Keep the whitened factors of all candidates, turned lazily as the set grows."""
 
     def __init__(self, objective: LogDet) -> None:
         """Start empty."""
         self._objective = objective
-        self._selected: list[int] = []
-        self._chosen: BoolArray = np.zeros(objective.n_candidates, dtype=np.bool_)
-        self._information = objective.prior.copy()
-        self._factor: FloatArray | None = None
+        self._set = Selection(objective.n_candidates)
+        self._restart()
 
     @property
     def selected(self) -> list[int]:
         """The candidates chosen so far, in the order they were added."""
-        return list(self._selected)
+        return list(self._set.order)
 
     @property
     def score(self) -> float:
-        """The score of `selected`, in nats."""
-        return self._objective.log_det(self._cholesky_factor())
+        """The score of `selected`, in nats: the gains of those added, in order."""
+        return self._score
 
     def gains(self, candidates: IntArray | None = None) -> FloatArray:
         """Return the change of the score on adding each of `candidates` (default: all), (m,).
 
-        log det(I + F_iᵀ M⁻¹ F_i), M the information so far; 0 for a candidate already selected.
+        log det(I + Y_iᵀ Y_i); 0 for a candidate already selected.
         """
-        f = self._objective
         if candidates is None:
-            rows, columns = np.arange(f.n_candidates), f.columns
+            rows = np.arange(self._objective.n_candidates)
         else:
             rows = np.asarray(candidates, dtype=np.int64)
-            columns = f.factor(rows)
-        half = solve_triangular(self._cholesky_factor(), columns, lower=True, check_finite=False)
-        if f.rank == 1:
-            gains = np.log1p(np.sum(half * half, axis=0))
-        else:
-            blocks = half.reshape(f.n_states, len(rows), f.rank).transpose(1, 2, 0)
-            gains = np.linalg.slogdet(np.eye(f.rank) + blocks @ blocks.transpose(0, 2, 1))[1]
-        return np.where(self._chosen[rows], 0.0, np.maximum(gains, 0.0))
+        if not self._turns:  # nothing has been added: known since the objective was made
+            return self._objective.first_gains()[rows].copy()
+        if self._Y is None:
+            self._Y = self._objective.whitened().copy()
+        gains = np.empty(len(rows))
+        gains_after(rows, self._Y, self._made_up, self._axes, self._pulls, self._turns, gains)
+        gains[self._set.inside[rows]] = 0.0
+        return gains
 
     def add(self, candidate: int) -> None:
         """Add one candidate; ValueError if it is there already or does not exist."""
-        if not 0 <= candidate < self._objective.n_candidates:
-            raise ValueError(
-                f"candidate must lie in 0…{self._objective.n_candidates - 1}, got {candidate}"
-            )
-        if self._chosen[candidate]:
-            raise ValueError(f"candidate {candidate} is already selected")
-        self._selected.append(int(candidate))
-        self._chosen[candidate] = True
-        F = self._objective.factor(np.array([candidate]))
-        self._information += F @ F.T
-        self._factor = None
+        self._set.add(candidate)
+        self._turn(int(candidate))
 
     def remove(self, candidate: int) -> None:
         """Remove one candidate; ValueError if it is not selected."""
-        if not (0 <= candidate < len(self._chosen) and self._chosen[candidate]):
-            raise ValueError(f"candidate {candidate} is not selected")
-        self._selected.remove(int(candidate))
-        self._chosen[candidate] = False
-        # From scratch: subtracting would leave rounding errors as large as what was taken away.
-        F = self._objective.factor(np.array(self._selected, dtype=np.int64))
-        self._information = self._objective.prior + F @ F.T
-        self._factor = None
+        self._set.remove(candidate)
+        self._restart()
+        for other in self._set.order:
+            self._turn(other)
 
-    def _cholesky_factor(self) -> FloatArray:
-        if self._factor is None:
-            factor: FloatArray = np.linalg.cholesky(self._information).astype(np.float64)
-            self._factor = factor
-        return self._factor
+    def _restart(self) -> None:
+        """Forget every turn: undoing one would magnify the errors of the others."""
+        f = self._objective
+        self._score = 0.0
+        self._turns = 0
+        self._Y: FloatArray | None = None
+        self._made_up: IntArray = np.zeros(f.n_candidates, dtype=np.int64)
+        self._axes: FloatArray = np.empty((8 * f.rank, f.n_states))
+        self._pulls: FloatArray = np.empty(8 * f.rank)
+
+    def _turn(self, candidate: int) -> None:
+        """Let the others feel that `candidate` is in."""
+        r = self._objective.rank
+        if self._turns + r > len(self._pulls):
+            self._axes = np.concatenate([self._axes, np.empty_like(self._axes)])
+            self._pulls = np.concatenate([self._pulls, np.empty_like(self._pulls)])
+        y = self._objective.whitened()[candidate].copy()
+        self._score += add_turns(y, self._axes, self._pulls, self._turns)
+        self._turns += r
+
+
+@njit(cache=True, fastmath=True)
+def add_turns(y, axes, pulls, turns):  # type: ignore[no-untyped-def]
+    """Turn a candidate's rows y (r, n) by the turns there are, append its own; return its gain."""
+    r, n = y.shape
+    gain = 0.0
+    for k in range(r):
+        for turn in range(turns + k):
+            inner = 0.0
+            for a in range(n):
+                inner += axes[turn, a] * y[k, a]
+            inner *= pulls[turn]
+            for a in range(n):
+                y[k, a] -= inner * axes[turn, a]
+        square = 0.0
+        for a in range(n):
+            square += y[k, a] * y[k, a]
+            axes[turns + k, a] = y[k, a]
+        gain += np.log1p(square)
+        pulls[turns + k] = (1.0 - 1.0 / np.sqrt(1.0 + square)) / square if square > 0.0 else 0.0
+    return gain
+
+
+@njit(cache=True, fastmath=True)
+def gains_after(rows, Y, made_up, axes, pulls, turns, out):  # type: ignore[no-untyped-def]
+    """Make up for the turns that `rows` (m,) have missed, in place; write their gains (m,)."""
+    r, n = Y.shape[1], Y.shape[2]
+    for at in range(rows.size):
+        i = rows[at]
+        for turn in range(made_up[i], turns):
+            for k in range(r):
+                inner = 0.0
+                for a in range(n):
+                    inner += axes[turn, a] * Y[i, k, a]
+                inner *= pulls[turn]
+                for a in range(n):
+                    Y[i, k, a] -= inner * axes[turn, a]
+        made_up[i] = turns
+        if r == 1:
+            square = 0.0
+            for a in range(n):
+                square += Y[i, 0, a] * Y[i, 0, a]
+            out[at] = np.log1p(square)
+        else:
+            block = Y[i] @ Y[i].T
+            for k in range(r):
+                block[k, k] += 1.0
+            L = np.linalg.cholesky(block)
+            total = 0.0
+            for k in range(r):
+                total += 2.0 * np.log(L[k, k])
+            out[at] = total

@@ -12,6 +12,7 @@ import importlib
 from dataclasses import replace
 
 from placement.objectives.coverage import Coverage
+from placement.objectives.dense_design import DenseDesign
 from placement.objectives.entropy import Entropy
 from placement.objectives.localisation import Localisation
 from placement.problem import Problem, Run
@@ -27,6 +28,8 @@ def solve_auto(problem: Problem, run: Run) -> Proposal:
         chosen = "mip"  # the chain knows neither money nor separation
     if isinstance(problem.objective, Coverage):
         chosen = "mip"
+    if isinstance(problem.objective, DenseDesign) and not problem.constraints.separation_m:
+        chosen = "branch"
     module = importlib.import_module(f"placement.solvers.{chosen}")
     proposal: Proposal = getattr(module, f"solve_{chosen}")(problem, run)
     return replace(proposal, stats={**proposal.stats, "chosen": chosen})

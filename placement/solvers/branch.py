@@ -18,13 +18,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from models.geometry import BoolArray, FloatArray, IntArray
 from placement.branch.climb import LOG_DET, TRACE_INVERSE
 from placement.branch.swaps import better_by_swaps, score_of
 from placement.branch.tree import FREE, IN, OUT, search
 from placement.objectives.log_det import LogDet
+from placement.objectives.trace_inverse import TraceInverse, inverse_root
 from placement.problem import Problem, Run
 from placement.solution import OPTIMAL_GAP, Proposal, Status
 
@@ -67,6 +67,7 @@ class Design:
     priced: bool
     required: BoolArray
     ids: IntArray
+    doubt: float  # relative: how far two ways of computing one score may be apart
 
     def keep(self, mask: BoolArray) -> Design:
         """Return the design over some of its candidates."""
@@ -83,24 +84,28 @@ class Design:
             self.priced,
             self.required[mask],
             self.ids[mask],
+            self.doubt,
         )
 
 
 def design_of(problem: Problem) -> Design:
     """Lay out the problem: usable candidates, whitened by the prior where that keeps the value."""
     objective, constraints = problem.objective, problem.constraints
-    if not isinstance(objective, LogDet):
+    if not isinstance(objective, LogDet | TraceInverse):
         raise ValueError(f"method branch needs log_det or trace_inverse, got {objective.name}")
     if constraints.separation_m:
         raise ValueError("method branch cannot keep budget.separation_m")
-    kind = LOG_DET if objective.maximise else TRACE_INVERSE
     n, c, r = objective.n_states, objective.n_candidates, objective.rank
-    root = np.linalg.cholesky(objective.prior)
-    base, columns = objective.prior, objective.columns
-    if kind == LOG_DET:  # M = L (I + Σ …) Lᵀ: the score is the second factor's log det
-        columns = solve_triangular(root, columns, lower=True)
-        base = root = np.eye(n)
-    V = np.ascontiguousarray(columns.reshape(n, c, r).transpose(1, 2, 0))
+    if isinstance(objective, LogDet):  # M = L (I + Σ …) Lᵀ: the score is the second's log det
+        kind, base, root, V = LOG_DET, np.eye(n), np.eye(n), objective.whitened()
+        doubt = 0.0
+    else:
+        # The covariance of a direction that only the prior knows is as uncertain as the prior is.
+        W = inverse_root(objective.prior)
+        condition = float(np.trace(objective.prior) * np.sum(W * W))
+        doubt = n * float(np.finfo(float).eps) * condition
+        kind, base, root = TRACE_INVERSE, objective.prior, objective.root
+        V = np.ascontiguousarray(objective.columns.reshape(n, c, r).transpose(1, 2, 0))
     usable = constraints.usable()
     usable[constraints.required] = True
     if kind == LOG_DET:
@@ -123,6 +128,7 @@ def design_of(problem: Problem) -> Design:
         constraints.limits_money,
         required,
         np.arange(c),
+        doubt,
     ).keep(usable)
     # Every design can be filled up to a base of the matroid, and none gets worse by it.
     most = int(np.unique(design.group).size)
@@ -146,8 +152,8 @@ class Tree:
     closed: float = -np.inf
     nodes: int = 0
     projects: bool = False
-    _best: IntArray = field(init=False)
-    _open: list[tuple[float, int, Any, Any, float]] = field(default_factory=list)
+    best: IntArray = field(init=False)
+    open: list[tuple[float, int, Any, Any, float]] = field(default_factory=list)
     _made: int = 0
     _root: dict[str, Any] = field(default_factory=dict)
 
@@ -155,8 +161,8 @@ class Tree:
         """Lay out the arrays and find a first design."""
         self.run.incumbent = [int(i) for i in np.unique(self.problem.constraints.required)]
         self.design = design_of(self.problem)
-        self._best = self.design.ids[self.design.required]
-        self.score = self._score(self._best)
+        self.best = self.design.ids[self.design.required]
+        self.score = self._score(self.best)
         self._swap(np.flatnonzero(self.design.required))
         for start in range(STARTS):
             if self.run.out_of_time():
@@ -169,27 +175,27 @@ class Tree:
         if self.run.out_of_time():
             return False
         self._plant()
-        while self._open:
+        while self.open:
             self._publish()
             if self.run.out_of_time():
                 return False
-            bound, _, state, x, price = heapq.heappop(self._open)
+            bound, _, state, x, price = heapq.heappop(self.open)
             if -bound <= self.score + self._slack():
                 self.closed = max(self.closed, -bound)
                 continue
-            self._dive(-bound, state, x, price, DIVE, ROUNDS)
+            self.dive(-bound, state, x, price, DIVE, ROUNDS)
         self._publish()
         return True
 
     def selected(self) -> list[int]:
         """Return the best design."""
-        return sorted(int(i) for i in self._best)
+        return sorted(int(i) for i in self.best)
 
     def stats(self) -> dict[str, Any]:
         """Return what there is to tell."""
         return {
             "nodes": self.nodes,
-            "open": len(self._open),
+            "open": len(self.open),
             "projected": self.projects,
             **self._root,
         }
@@ -208,49 +214,49 @@ class Tree:
         bounds = []
         for way in ways:
             probe = Tree(self.problem, self.run)
-            probe.design, probe.score, probe._best = design, self.score, self._best
+            probe.design, probe.score, probe.best = design, self.score, self.best
             probe.projects = way
-            probe._dive(np.inf, state, np.zeros(len(state)), 0.0, 1, ROOT_ROUNDS)
+            probe.dive(np.inf, state, np.zeros(len(state)), 0.0, 1, ROOT_ROUNDS)
             bounds.append((probe.bound(), way, probe))
         # Below the root only the projected bound gains by every candidate fixed in.
         near = 0.1 * (bounds[0][0] - self.score)
         _, self.projects, probe = min(bounds, key=lambda entry: entry[0] - near * entry[1])
         self._root = {"root_bound": probe.bound(), "root_gap": probe.bound() - self.score}
         self.nodes, self.closed = probe.nodes, probe.closed
-        self.score, self._best, self._open = probe.score, probe._best, probe._open
+        self.score, self.best, self.open = probe.score, probe.best, probe.open
         self._shrink()
 
     def _shrink(self) -> None:
         """Leave out the candidates that no open node allows."""
-        if not self._open:
+        if not self.open:
             return
         keep = np.zeros(len(self.design.ids), dtype=np.bool_)
-        for _, _, state, _, _ in self._open:
+        for _, _, state, _, _ in self.open:
             keep |= state != OUT
         self.design = self.design.keep(keep)
-        self._open = [(b, n, s[keep], x[keep], p) for b, n, s, x, p in self._open]
+        self.open = [(b, n, s[keep], x[keep], p) for b, n, s, x, p in self.open]
         self._root["candidates_left"] = int(keep.sum())
 
     def bound(self) -> float:
-        """Return the bound on every design's score."""
-        best_open = -min((entry[0] for entry in self._open), default=np.inf)
-        return max(self.score, self.closed, best_open)
+        """Return the bound on every design's score; the heap's first is its greatest."""
+        best_open = -self.open[0][0] if self.open else -np.inf
+        bound = max(self.score, self.closed, best_open)
+        return bound + self.design.doubt * abs(bound) if np.isfinite(bound) else bound
 
     def _publish(self) -> None:
-        """Tell the run what is proven; the heap's first is its greatest."""
-        best_open = -self._open[0][0] if self._open else -np.inf
-        bound = max(self.score, self.closed, best_open)
+        """Tell the run what is proven."""
+        bound = self.bound()
         if np.isfinite(bound):
             known = self.run.score_bound
             self.run.score_bound = bound if known is None else min(known, bound)
         gap = (bound - self.score) / max(abs(self.score), 1e-300)
         self.run.progress(
-            f"{self.nodes} nodes, {len(self._open)} open, {self.score:.8g} ≤ {bound:.8g} "
+            f"{self.nodes} nodes, {len(self.open)} open, {self.score:.8g} ≤ {bound:.8g} "
             f"({100 * gap:.2g} %)",
             None,
         )
 
-    def _dive(
+    def dive(
         self, bound: float, state: Any, x: FloatArray, price: float, limit: int, rounds: int
     ) -> None:
         """Search below one node for `limit` nodes; keep what stays open."""
@@ -273,17 +279,17 @@ class Tree:
             self.closed = max(self.closed, closed)
             if score > self.score:
                 self._improve(chosen)
-            if len(self._open) < MOST_OPEN or self.run.out_of_time():
+            if len(self.open) < MOST_OPEN or self.run.out_of_time():
                 break
         for at in range(top):
             self._made += 1
             entry = (-bounds[at], self._made, states[at].copy(), xs[at].copy(), prices[at])
-            heapq.heappush(self._open, entry)
+            heapq.heappush(self.open, entry)
 
     def _improve(self, chosen: IntArray) -> None:
         found = chosen[chosen >= 0]
-        self._best = self.design.ids[found]
-        self.score = self._score(self._best)
+        self.best = self.design.ids[found]
+        self.score = self._score(self.best)
         self.run.incumbent = self.selected()
         self._swap(found)
 
@@ -304,7 +310,7 @@ class Tree:
         )  # fmt: skip
         if score > self.score + 1e-12 * abs(self.score):
             self.score = score
-            self._best = design.ids[chosen[:count]]
+            self.best = design.ids[chosen[:count]]
             self.run.incumbent = self.selected()
 
     def _random_start(self) -> IntArray:
