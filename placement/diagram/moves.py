@@ -41,29 +41,60 @@ class Moves:
     span: int
 
 
-def make_moves(drive: WhiteDrive, usable: BoolArray) -> Moves:
-    """List the `usable` (c,) candidates that see something and that no other exceeds."""
+def make_moves(
+    drive: WhiteDrive, usable: BoolArray, longest: int, budget: int
+) -> tuple[Moves, FloatArray]:
+    """List the `usable` (c,) candidates that see something and that no other exceeds.
+
+    A move holds the first `longest` samples of a view at most (on a closed road a camera at the
+    start sees the first samples and the last). Return the moves, and blocks (t, 3) above what any
+    `budget` candidates see beyond: every placement gets these for nothing.
+
+    Raises:
+        ValueError: if most candidates see something beyond.
+    """
     blocks = three_columns(drive)
     keep = undominated(drive.indptr, drive.indices, blocks, usable)
     t = drive.n_samples
+    beyond = np.zeros((t, 3))
     if not keep.size:
         zeros = np.zeros(t + 1, dtype=np.int64)
-        return Moves(keep, zeros[:1], np.zeros((0, 3)), zeros, zeros[:0], 1, 0)
+        return Moves(keep, zeros[:1], np.zeros((0, 3)), zeros, zeros[:0], 1, 0), beyond
     first = drive.indices[drive.indptr[keep]].astype(np.int64)
-    last = drive.indices[drive.indptr[keep + 1] - 1].astype(np.int64)
     order = np.argsort(first, kind="stable")
-    keep, first, last = keep[order], first[order], last[order]
+    keep, first = keep[order], first[order]
+    stop = np.array(
+        [
+            np.searchsorted(drive.indices[drive.indptr[i] : drive.indptr[i + 1]], f + longest)
+            for i, f in zip(keep, first, strict=True)
+        ],
+        dtype=np.int64,
+    )
+    stop += drive.indptr[keep]
+    split = np.flatnonzero(stop < drive.indptr[keep + 1])
+    if 2 * split.size > keep.size:
+        raise ValueError(
+            f"method diagram needs views of at most {longest} samples for {budget} cameras, got "
+            f"{split.size} longer ones among {keep.size}: use search or relaxation"
+        )
+    for v in split:
+        _join_range(drive.indices, blocks, stop[v], drive.indptr[keep[v] + 1], beyond)
+    beyond *= (1.0 + TWINS) * budget
+    last = drive.indices[stop - 1].astype(np.int64)
     ptr = np.concatenate(([0], np.cumsum(last - first + 1)))
     dense = np.zeros((int(ptr[-1]), 3))
     for v, i in enumerate(keep):
-        row = slice(drive.indptr[i], drive.indptr[i + 1])
+        row = slice(drive.indptr[i], stop[v])
         dense[ptr[v] + drive.indices[row] - first[v]] = (1.0 + TWINS) * blocks[row]
     at = np.searchsorted(first, np.arange(t + 1))
     family = np.zeros_like(last)
     by_last = np.argsort(last, kind="stable")
     starts = np.searchsorted(last[by_last], last[by_last])
     family[by_last] = (np.arange(last.size) - starts) % FAMILIES
-    return Moves(keep, ptr, dense, at, family, int(family.max()) + 1, int(np.max(last - first) + 1))
+    moves = Moves(
+        keep, ptr, dense, at, family, int(family.max()) + 1, int(np.max(last - first) + 1)
+    )
+    return moves, beyond
 
 
 def floor_information(drive: WhiteDrive, usable: BoolArray, budget: int) -> FloatArray:
@@ -108,11 +139,14 @@ def undominated(
 @njit(cache=True)
 def _join_rows(indptr, indices, blocks, rows, join):  # type: ignore[no-untyped-def]
     for i in rows:
-        for e in range(indptr[i], indptr[i + 1]):
-            o = join[indices[e]]
-            o[0], o[1], o[2] = block_join(
-                o[0], o[1], o[2], blocks[e, 0], blocks[e, 1], blocks[e, 2]
-            )
+        _join_range(indices, blocks, indptr[i], indptr[i + 1], join)
+
+
+@njit(cache=True)
+def _join_range(indices, blocks, start, stop, join):  # type: ignore[no-untyped-def]
+    for e in range(start, stop):
+        o = join[indices[e]]
+        o[0], o[1], o[2] = block_join(o[0], o[1], o[2], blocks[e, 0], blocks[e, 1], blocks[e, 2])
 
 
 @njit(cache=True)

@@ -2,22 +2,35 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 
 from models.geometry import BoolArray, FloatArray, IntArray
-from placement.diagram import sweep
-from placement.diagram.moves import Moves, floor_information, make_moves
+from placement.diagram.arrays import (
+    ARCS,
+    FULL,
+    NODES,
+    Arcs,
+    Road,
+    Rules,
+    Views,
+    add_root,
+    empty_table,
+    new_storage,
+)
+from placement.diagram.moves import floor_information, make_moves
+from placement.diagram.sweep import forward, near_form
+from placement.diagram.togo import backward, hopes, merged_table
 from placement.objectives.navigation import WhiteDrive
 from placement.objectives.windows.filter import empty_messages, filter_forward
 
 CHUNK = 4  # samples swept between looks at the clock
 ROUNDING = 1e-8  # relative; what bounds give up for rounding along the sweep
-NODES, ARCS, POOL = 24_000_000, 80_000_000, 1_000_000  # committed by the system as they fill
+MOST_NODES, MOST_ARCS, MOST_WAITING = 24_000_000, 80_000_000, 1_000_000
 # What labels inside clusters may hold: (cameras + 1)·span², some 3 kB each at eight slots.
 MOST_PENDING = 400_000
 EPSILON = 1e-4  # the least ratio between labels that are merged
@@ -29,18 +42,12 @@ class OutOfTime(Exception):  # noqa: N818 - a signal, not an error
 
 
 @dataclass(slots=True)
-class Table:
-    """Points (P, togo) by sample and count: rows lo[t, m]…hi[t, m] − 1, togo falling."""
-
-    lo: IntArray
-    hi: IntArray
-    p: FloatArray
-    togo: FloatArray
-
-
-@dataclass(slots=True)
 class Outcome:
-    """What one sweep found: the bound on the sum over samples, and the moves of its best path."""
+    """What one sweep found: the bound on the sum over samples, and the moves of its best path.
+
+    `bounds` (k + 1,) are those for every budget, NaN where none was asked for; `paths` hold the
+    best path of each that was.
+    """
 
     bound: float
     path: list[int]
@@ -50,6 +57,8 @@ class Outcome:
     seconds: float
     reached: BoolArray
     counters: list[int] = field(default_factory=list)
+    bounds: FloatArray = field(default_factory=lambda: np.empty(0))
+    paths: dict[int, list[int]] = field(default_factory=dict)
 
 
 class Diagram:
@@ -66,35 +75,52 @@ class Diagram:
     ) -> None:
         """Prepare for at most `budget` of the `usable` (c,) cameras beside the required ones.
 
-        Partial placements whose lateral variance exceeds `limit` somewhere do not count.
+        Partial placements whose lateral variance exceeds `limit` somewhere do not count. Of views
+        too long for the memory only the head is a move, and what the cameras see beyond is given
+        to every placement: see `diagram.moves`.
+
+        Raises:
+            ValueError: if most views are too long.
         """
         self.drive = drive
         self.weight = weight
         self.limit = limit
         self.budget = budget
-        self.base = drive.total(required)
-        self.moves: Moves = make_moves(drive, usable)
-        if (budget + 1) * self.moves.span**2 > MOST_PENDING:
-            raise ValueError(
-                "method diagram needs short views, got one whose first and last sample are "
-                f"{self.moves.span} samples of {drive.n_samples} apart: use search"
-            )
-        floor = self.base + floor_information(drive, usable, budget)
+        longest = max(1, math.isqrt(MOST_PENDING // (budget + 1)))
+        self.moves, beyond = make_moves(drive, usable, longest, budget)
+        self.base = drive.total(required) + beyond
+        floor = drive.total(required) + floor_information(drive, usable, budget)
         before, after, logs = empty_messages(drive.n_samples)
         filter_forward(drive.steps, drive.p0, floor, before, after, logs)
-        self.floor_p = before * (1.0 - 1e-12)
         paid = weight[0] * after[:, 0] + weight[1] * after[:, 3]
-        self.floor_cost = np.concatenate(([0.0], np.cumsum(paid))) * (1.0 - 1e-12)
-        self.near_form = near_form(
-            drive.steps, *weight, max(1, drive.n_samples // (2 * max(budget, 1)))
+        self.road = Road(
+            drive.steps,
+            self.base,
+            float(weight[0]),
+            float(weight[1]),
+            float(limit),
+            before * (1.0 - 1e-12),
+            np.concatenate(([0.0], np.cumsum(paid))) * (1.0 - 1e-12),
+            near_form(drive.steps, *weight, max(1, drive.n_samples // (2 * max(budget, 1)))),
         )
+        m = self.moves
+        self.views = Views(m.ptr, m.blocks, m.at, m.family, m.families, m.span)
         self.table = empty_table(drive.n_samples, budget)
-        self.bound = float(self.floor_cost[-1])
+        self.bounds = np.full(budget + 1, float(self.road.floor_cost[-1]))
+
+    @property
+    def bound(self) -> float:
+        """The proven lower bound on the sum over samples, for the whole budget."""
+        return float(self.bounds[-1])
+
+    @bound.setter
+    def bound(self, value: float) -> None:
+        self.bounds[-1] = value
 
     def sweep(
         self,
         width: int,
-        threshold: float,
+        threshold: float | FloatArray,
         out_of_time: Callable[[], bool],
         *,
         probing: bool = False,
@@ -106,204 +132,79 @@ class Diagram:
     ) -> Outcome | None:
         """Sweep once, forgetting placements that cost `threshold` or more in sum.
 
-        Improves `bound` and the table. Return None if storage ran out.
+        Given thresholds (k + 1,), one a budget, the sweep bounds every budget at once: a root at
+        count k − b has b cameras left, and costs are counted from minus its threshold.
+
+        Improves `bounds` and the table. Return None if storage ran out.
 
         Raises:
             OutOfTime: before the bound is known; nothing is changed then.
         """
         start = time.monotonic()
-        d, k, moves, table = self.drive, self.budget, self.moves, self.table
-        t = d.n_samples
-        head = np.full((t + 1, k + 1), -1, dtype=np.int64)
-        pool_next = np.empty(POOL, dtype=np.int64)
-        pool_parent = np.empty(POOL, dtype=np.int64)
-        pool_move = np.empty(POOL, dtype=np.int64)
-        pool_float = np.empty((POOL, 9))
-        n_slots = 2 * sweep.CLASSES * moves.families * (k + 1) * (moves.span + 1) * slots
-        pend_node = np.full(n_slots, -1, dtype=np.int64)
-        pend_cost, pend_near, pend_p = np.empty(n_slots), np.empty(n_slots), np.empty((n_slots, 6))
-        pend_second = np.zeros(n_slots, dtype=np.int64)
-        pend_blocks = np.empty((n_slots, moves.span, 3))
-        node_lo, node_hi = (np.zeros((t, k + 1), dtype=np.int64) for _ in range(2))
-        node_p, node_cost, node_togo = np.empty((NODES, 6)), np.empty(NODES), np.empty(NODES)
-        arc_from, arc_to, arc_move = (np.empty(ARCS, dtype=np.int32) for _ in range(3))
-        arc_cost = np.empty(ARCS)
-        bin_epsilon = np.zeros(k + 1)
-        hope = np.zeros((t + 1, k + 2))
-        sweep.hopes(
-            self.floor_p, self.floor_cost, moves.span, table.lo, table.hi, table.p, table.togo, hope
+        k, table, t = self.budget, self.table, self.drive.n_samples
+        storage = new_storage(t, k, self.views, slots, MOST_NODES, MOST_ARCS, MOST_WAITING)
+        rules = Rules(
+            0.0 if isinstance(threshold, np.ndarray) else float(threshold),
+            width,
+            EPSILON if epsilon is None else epsilon,
+            slack,
+            COARSE,
+            coarse_width,
+            slots,
+            probing,
         )
-        reached = np.zeros(k + 1, dtype=np.bool_)
-        counter = np.zeros(sweep.N_COUNTERS, dtype=np.int64)
-        counter[sweep.FREE] = -1
-        # the root waits in the list of sample 0
-        head[0, 0] = 0
-        pool_next[0], pool_parent[0], pool_move[0] = -1, -1, -1
-        pool_float[0] = [0.0, 0.0, -np.inf, *d.p0]
-        counter[sweep.POOL] = 1
+        if isinstance(threshold, np.ndarray):
+            asked = list(range(k, -1, -1))  # by count of the root: 0, 1, …
+            starts = -threshold[asked]
+        else:
+            asked, starts = [k], np.zeros(1)
+        for m, cost in enumerate(starts):
+            add_root(storage.pool, storage.counter, m, float(cost), self.drive.p0)
+        hope = np.zeros((t + 1, k + 2))
+        hopes(self.road, self.views.span, table, hope)
+        bin_epsilon = np.zeros(k + 1)
+        roots: IntArray = np.empty(0, dtype=np.int64)
         for begin in range(0, t, CHUNK):
             if out_of_time():
                 raise OutOfTime
             progress(begin / t)
-            sweep.forward(
-                begin,
-                min(t, begin + CHUNK),
-                k,
-                *self.weight,
-                self.limit,
-                d.steps,
-                self.base,
-                moves.ptr,
-                moves.blocks,
-                moves.at,
-                moves.family,
-                moves.families,
-                moves.span,
-                threshold,
-                width,
-                EPSILON if epsilon is None else epsilon,
-                slack,
-                COARSE,
-                coarse_width,
-                slots,
-                probing,
-                self.near_form,
-                self.floor_p,
-                self.floor_cost,
-                hope,
-                table.lo,
-                table.hi,
-                table.p,
-                table.togo,
-                head,
-                pool_next,
-                pool_parent,
-                pool_move,
-                pool_float,
-                pend_node,
-                pend_cost,
-                pend_near,
-                pend_p,
-                pend_second,
-                pend_blocks,
-                node_lo,
-                node_hi,
-                node_p,
-                node_cost,
-                node_togo,
-                arc_from,
-                arc_to,
-                arc_move,
-                arc_cost,
-                bin_epsilon,
-                reached,
-                counter,
-            )
-            if counter[sweep.FULL]:
+            end = min(t, begin + CHUNK)
+            forward(begin, end, k, self.road, self.views, rules, hope, table, bin_epsilon, storage)
+            if storage.counter[FULL]:
                 return None
-        n = int(counter[sweep.NODES])
+            if begin == 0:  # roots are the only labels to which an arc leads from nowhere
+                first = storage.arcs.source[: storage.counter[ARCS]]
+                roots = storage.arcs.target[np.flatnonzero(first < 0)].astype(np.int64)
+        nodes, arcs = storage.nodes, storage.arcs
+        n = int(storage.counter[NODES])
         best_arc = np.full(n, -1, dtype=np.int64)
-        root = int(arc_to[0])  # the root's own list entry came as an arc without a parent
-        sweep.backward(int(counter[sweep.ARCS]), arc_from, arc_to, arc_cost, node_togo, best_arc)
-        bound = float(node_togo[root]) * (1.0 - ROUNDING)
-        path = []
-        node = root
-        while best_arc[node] >= 0:
-            arc = best_arc[node]
-            if arc_move[arc] >= 0:
-                path.append(int(moves.candidate[arc_move[arc]]))
-            node = int(arc_to[arc])
-        self.bound = max(self.bound, bound)
-        self.table = merged_table(table, node_lo, node_hi, node_p, node_togo)
+        backward(
+            int(storage.counter[ARCS]), arcs.source, arcs.target, arcs.cost, nodes.togo, best_arc
+        )
+        found = np.full(k + 1, np.nan)
+        found[asked] = nodes.togo[roots] * (1.0 - ROUNDING)
+        paths = {b: self._path(int(r), best_arc, arcs) for b, r in zip(asked, roots, strict=True)}
+        self.bounds = np.fmax(self.bounds, found)
+        self.table = merged_table(table, nodes.lo, nodes.hi, nodes.p, nodes.togo)
         return Outcome(
-            bound,
-            path,
+            float(found[k]),
+            paths[k],
             n,
             width,
             float(bin_epsilon.max()),
             time.monotonic() - start,
-            reached,
-            counter.tolist(),
+            storage.reached,
+            storage.counter.tolist(),
+            found,
+            paths,
         )
 
-
-def empty_table(t: int, k: int) -> Table:
-    """Return a table that knows nothing."""
-    zeros = np.zeros((t + 1, k + 1), dtype=np.int64)
-    return Table(zeros, zeros.copy(), np.empty((0, 6)), np.empty(0))
-
-
-def merged_table(
-    old: Table, node_lo: IntArray, node_hi: IntArray, node_p: FloatArray, node_togo: FloatArray
-) -> Table:
-    """Put the labels of a sweep and the rows of `old` into one table."""
-    lo, hi = np.zeros_like(old.lo), np.zeros_like(old.hi)
-    size = int(np.sum(node_hi - node_lo) + np.sum(old.hi - old.lo))
-    p, togo = np.empty((size, 6)), np.empty(size)
-    used = _merge(
-        old.lo, old.hi, old.p, old.togo, node_lo, node_hi, node_p, node_togo, lo, hi, p, togo
-    )
-    return Table(lo, hi, p[:used].copy(), togo[:used].copy())
-
-
-@njit(cache=True)
-def _merge(  # type: ignore[no-untyped-def]
-    old_lo, old_hi, old_p, old_togo, new_lo, new_hi, new_p, new_togo, lo, hi, p, togo
-):
-    used = 0
-    for t in range(new_lo.shape[0]):
-        for m in range(new_lo.shape[1]):
-            a, b = new_lo[t, m], new_hi[t, m]
-            c, d = old_lo[t, m], old_hi[t, m]
-            n = b - a + d - c
-            values = np.empty(n)
-            values[: b - a] = -new_togo[a:b]
-            values[b - a :] = -old_togo[c:d]
-            order = np.argsort(values)
-            lo[t, m] = used
-            for x in range(n):
-                o = order[x]
-                q = new_p[a + o] if o < b - a else old_p[c + o - (b - a)]
-                # a row no better than an earlier one (greater togo) with a smaller P says nothing
-                known = False
-                for y in range(max(lo[t, m], used - 64), used):
-                    known = True
-                    for z in range(6):
-                        if p[y, z] != q[z]:
-                            known = False
-                    if known:
-                        break
-                if known:
-                    continue
-                p[used] = q
-                togo[used] = -values[o]
-                used += 1
-            hi[t, m] = used
-    return used
-
-
-@njit(cache=True)
-def near_form(steps, w_tt, w_nn, reach):  # type: ignore[no-untyped-def]
-    """Return (t, 6) the forms whose product with P is the cost of waiting `reach` samples.
-
-    Noise of the way left out: it is the same for all P.
-    """
-    t_end = steps.shape[0]
-    out = np.zeros((t_end, 6))
-    for t in range(t_end):
-        f = np.eye(3)
-        g = np.eye(3)
-        for s in range(t, min(t_end, t + reach)):
-            if s > t:
-                c, sn, y, x = steps[s, 0], steps[s, 1], steps[s, 2], steps[s, 3]
-                for j in range(3):
-                    g[0, j] = c * f[0, j] + sn * f[1, j] + y * f[2, j]
-                    g[1, j] = -sn * f[0, j] + c * f[1, j] + x * f[2, j]
-                    g[2, j] = f[2, j]
-                f[:] = g
-            at = 0
-            for i in range(3):
-                for j in range(i, 3):
-                    out[t, at] += w_tt * f[0, i] * f[0, j] + w_nn * f[1, i] * f[1, j]
-                    at += 1
-    return out
+    def _path(self, node: int, best_arc: IntArray, arcs: Arcs) -> list[int]:
+        """Return the cameras of the best path from a label on."""
+        path = []
+        while best_arc[node] >= 0:
+            arc = best_arc[node]
+            if arcs.move[arc] >= 0:
+                path.append(int(self.moves.candidate[arcs.move[arc]]))
+            node = int(arcs.target[arc])
+        return path
