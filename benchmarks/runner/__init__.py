@@ -1,0 +1,1 @@
+"""`placement benchmark`: solvers × instances × seeds, every row checked again by the referee."""
