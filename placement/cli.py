@@ -46,7 +46,9 @@ def main() -> None:
     for entry in entry_points(group="placement.commands"):
         entry.load()(app)
     try:
-        app()
+        sys.exit(app(standalone_mode=False) or 0)
+    except typer.Abort:
+        sys.exit(EXIT_UNSOLVED)
     except (ValueError, OSError, ArithmeticError, RecursionError) as error:
         if os.environ.get("PLACEMENT_DEBUG"):
             raise
@@ -56,6 +58,14 @@ def main() -> None:
     except KeyboardInterrupt:
         _complain("interrupted; nothing was written")
         sys.exit(EXIT_UNSOLVED)
+    except Exception as error:  # the parser's own errors have no base class that stays in one place
+        if not hasattr(error, "format_message"):
+            raise
+        if type(error).__name__ == "NoArgsIsHelpError":
+            error.show()  # type: ignore[attr-defined]
+        else:
+            _complain(" ".join(error.format_message().split()))
+        sys.exit(EXIT_BAD_INPUT)
 
 
 def _complain(problem: str) -> None:

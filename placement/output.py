@@ -209,7 +209,7 @@ def read_folder(folder: Path, *, check_hash: bool = True) -> Stored:
         instance = instance_from_dict(
             source["instance"], folder=source["folder"], name=source["name"]
         )
-        selected = tuple(int(i) for i in record["selected"])
+        selected = tuple(map(_index if check_hash else int, record["selected"]))
         claimed = record["instance_sha256"]
     except InstanceError as error:
         raise ValueError(f"{folder / 'instance.json'}: {error}") from None
@@ -251,7 +251,7 @@ def _plain(value: Any) -> Any:
 
 def _read_json(path: Path, wanted: str) -> dict[str, Any]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8"), parse_int=_whole)
     except OSError as error:
         raise ValueError(f"{path} must be {wanted}; cannot be read ({error.strerror})") from None
     except (ValueError, RecursionError) as error:
@@ -259,6 +259,17 @@ def _read_json(path: Path, wanted: str) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise ValueError(f"{path} must be {wanted}; got a {type(content).__name__}")
     return content
+
+
+def _index(value: Any) -> int:
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise ValueError(f"selected must be whole numbers, got {value!r}")
+    return value
+
+
+def _whole(digits: str) -> int | float:
+    """Read a whole number; one that no float holds becomes infinite, and is refused as such."""
+    return int(digits) if len(digits) <= 300 else float(digits)
 
 
 def _instance_record(instance: Instance) -> dict[str, Any]:

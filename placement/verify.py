@@ -314,7 +314,9 @@ def _bound(
         return [f"{side} {recorded:.6g} ({why})"], found
     sign = 1.0 if maximise else -1.0
     derived = sign * bound
-    found |= {"derived": derived, "derived_gap": abs(derived - value) / abs(value)}
+    found |= {"derived": derived}
+    if value:
+        found["derived_gap"] = abs(derived - value) / abs(value)
     slack = VALUE_TOLERANCE * abs(value)
     checks.append(
         Check("bound.derived", bound >= sign * value - slack, f"beyond {value!r}", derived, slack)
@@ -338,9 +340,13 @@ def _placements(folder: Path) -> list[dict[str, Any]]:
 def _read_csv(path: Path) -> list[dict[str, str]]:
     try:
         with path.open(encoding="utf-8", newline="") as file:
-            return list(csv.DictReader(file))
+            rows = list(csv.DictReader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ValueError(f"{path} cannot be read ({error})") from None
+    for n, row in enumerate(rows):
+        if None in row or None in row.values():
+            raise ValueError(f"{path}: row {n} must have as many fields as the header")
+    return rows
 
 
 def _number(text: str | None) -> float:

@@ -44,7 +44,8 @@ Width = Annotated[float, interval(0.0, 1e3, ends="(]")]
 Speed = Annotated[float, interval(0.0, 200.0, ends="(]")]
 Prior = Annotated[float, interval(1e-6, 1e6)]
 Alpha = Annotated[float, interval(0.0, 10.0)]
-Sigma = Annotated[float, interval(0.0, 1e4)]
+Sigma = Annotated[float, interval(0.0, 1e3)]
+HeadingSigma = Annotated[float, interval(0.0, math.pi)]
 Density = Annotated[float, interval(0.0, 1e2)]
 Cost = Annotated[float, interval(0.0, 1e15)]
 Curvature = Annotated[
@@ -235,7 +236,7 @@ class VehicleSection(Section):
     across_m_per_sqrt_m: Density | None = None
     alphas: Annotated[tuple[Alpha, Alpha, Alpha, Alpha], LOOSE] | None = None
     speed_mps: Speed = 20.0
-    initial_sigma: Annotated[tuple[Sigma, Sigma, Sigma], LOOSE] = (0.1, 0.1, 0.01)
+    initial_sigma: Annotated[tuple[Sigma, Sigma, HeadingSigma], LOOSE] = (0.1, 0.1, 0.01)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -190,6 +190,9 @@ def test_a_bad_centre_line_is_one_line_and_exit_2(
         (["solve", "SMALL", "--out", "OUT", "--budget", "many"], "--budget"),
         (["solve", "SMALL", "--out", "OUT", "--time-limit", "-1"], "time_limit"),
         (["solve", "SMALL", "--out", "OUT", "--objective", "beauty"], "objective.kind"),
+        (["solve", "SMALL", "--out", "OUT", "--time-limit", "soon"], "--time-limit"),
+        (["solve", "SMALL", "--out"], "--out"),
+        (["sovle", "SMALL"], "sovle"),
         (["validate", "OUT"], "solution.json"),
     ],
 )

@@ -11,6 +11,7 @@ import pytest
 
 from placement.cli import main
 from placement.commands import solve_into, verify_in
+from placement.output import read_folder
 from placement.verify import certificate_checks, verify_folder
 
 SMALL = """
@@ -160,6 +161,24 @@ def test_lost_rows_and_spoiled_placements_are_caught(folder: Path) -> None:
     path = folder / "placements.csv"
     path.write_text(path.read_text().replace("pinhole", "stereographic", 1))
     assert failures(folder) == ["placements.csv.fields", "along_path.csv.rows"]
+
+
+def test_a_whole_number_that_no_float_holds_is_a_wrong_value(folder: Path) -> None:
+    edit(folder, lambda record: record.update(value=10**400))
+    assert "value" in failures(folder)
+
+
+def test_a_row_of_too_many_fields_is_damage(folder: Path) -> None:
+    with (folder / "placements.csv").open("a") as file:
+        file.write(",".join(["1"] * 30) + "\n")
+    with pytest.raises(ValueError, match=r"placements\.csv: row 3 must have as many fields"):
+        verify_folder(folder)
+
+
+def test_a_camera_and_a_half_is_not_driven(folder: Path) -> None:
+    edit(folder, lambda record: record.update(selected=[5.5, 9, 20]))
+    with pytest.raises(ValueError, match=r"whole numbers, got 5\.5"):
+        read_folder(folder)
 
 
 def test_an_open_gap_must_not_be_called_optimal_nor_a_closed_one_feasible() -> None:

@@ -147,7 +147,7 @@ def test_a_curvature_is_a_number_or_runs_between_two() -> None:
         ),
         (
             {"vehicle": {"initial_sigma": [1e10, 0, 0]}},
-            "vehicle.initial_sigma[0] must lie in [0, 10000], got 10000000000",
+            "vehicle.initial_sigma[0] must lie in [0, 1000], got 10000000000",
         ),
         ({"errors": {"persistent": 1}}, "errors.persistent must be true or false, got 1"),
         (
