@@ -16,6 +16,8 @@ CUT_M = 0.1  # how far an arc may stay off a corner ...
 RADIUS_M = 8.0  # ... unless the car could not follow it
 _BACK_RAD = math.radians(170.0)  # who turns by more turns round
 _PIECE_M = 1e-9
+_EASE_M = 1.0
+_SPIKE_RAD, _SPIKE_M = math.radians(100.0), 2.0
 
 
 def rounded_road(
@@ -89,6 +91,46 @@ def cut_polyline(points_m: FloatArray, start_m: float, end_m: float) -> FloatArr
         for at in (start_m, end_m)
     ]
     return np.vstack((ends[:1], inner, ends[1:]))
+
+
+def eased(points_m: FloatArray, start_rad: float, end_rad: float) -> FloatArray:
+    """Let a polyline (n, 2) leave and arrive in given headings, so that it joins on smoothly.
+
+    A corner is added a little way out from each end, in the direction asked for: a metre, or a
+    third of the first segment where that is shorter.
+    """
+    points = distinct_points(points_m)
+    ends = []
+    for p, q, angle, way in (
+        (points[0], points[1], start_rad, 1.0),
+        (points[-1], points[-2], end_rad, -1.0),
+    ):
+        step = way * min(_EASE_M, math.dist(p, q) / 3.0)
+        ends.append(p + step * np.array([math.cos(angle), math.sin(angle)]))
+    return np.vstack((points[:1], ends[:1], points[1:-1], ends[1:], points[-1:]))
+
+
+def without_spikes(points_m: FloatArray) -> FloatArray:
+    """Drop corners (n, 2) at which a line turns back within 2 m: overlaps of what was joined."""
+    points = distinct_points(points_m)
+    while len(points) > 2:
+        _, segment, turn = _measure(points)
+        sharp = (np.abs(turn) > _SPIKE_RAD) & (np.minimum(segment[:-1], segment[1:]) < _SPIKE_M)
+        if not sharp.any():
+            break
+        keep = np.ones(len(points), dtype=np.bool_)
+        # one at a time from each run, for the next corner looks different then
+        first = np.flatnonzero(sharp)
+        keep[first[np.concatenate(([True], np.diff(first) > 1))] + 1] = False
+        points = distinct_points(points[keep])
+    return points
+
+
+def end_headings(points_m: FloatArray) -> tuple[float, float]:
+    """Return the headings of the first and last segment of what `rounded_road` makes of points."""
+    points = distinct_points(points_m)
+    first, last = points[1] - points[0], points[-1] - points[-2]
+    return math.atan2(first[1], first[0]), math.atan2(last[1], last[0])
 
 
 def polyline_length(points_m: FloatArray) -> float:

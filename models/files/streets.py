@@ -11,7 +11,14 @@ import numpy as np
 
 from models.geometry import FloatArray, wrap_angle
 from models.network import Edge, Lane, RoadNetwork, Turn
-from models.polyline import cut_polyline, distinct_points, offset_polyline, polyline_length
+from models.polyline import (
+    cut_polyline,
+    distinct_points,
+    eased,
+    end_headings,
+    offset_polyline,
+    polyline_length,
+)
 
 _LEAST_LENGTH_M = 0.1
 _CLEAR_M = 3.0  # a lane ends this far before the surface of the street it meets
@@ -253,9 +260,7 @@ def _lane_turns(edges: list[Edge], a: int, b: int) -> list[Turn]:
 
 
 def _heading(lane: Lane, at: int) -> float:
-    points = lane.outline
-    step = points[1] - points[0] if at == 0 else points[-1] - points[-2]
-    return math.atan2(step[1], step[0])
+    return end_headings(lane.outline)[at]
 
 
 def _corner(a: Lane, b: Lane) -> Lane | None:
@@ -269,7 +274,7 @@ def _corner(a: Lane, b: Lane) -> Lane | None:
     u, v = (np.array([math.cos(angle), math.sin(angle)]) for angle in angles)
     cross = float(u[0] * v[1] - u[1] * v[0])
     half = 0.5 * min(a.right_m + a.left_m, b.right_m + b.left_m, 4.0)
-    points = [p, q]
+    points = list(eased(np.array([p, q]), *angles))
     if abs(cross) > 0.1:
         along = (gap[0] * v[1] - gap[1] * v[0]) / cross
         back = (gap[0] * u[1] - gap[1] * u[0]) / cross
