@@ -2,8 +2,9 @@
 
 Each run installs every camera with its own offsets (`install`). In a frame (`observe`), the car's
 *true* position goes through the camera as it really stands to a pixel, the pixel is perturbed and
-rounded, and is projected back through the camera as drawn. Only that point leaves; its covariance
-is the error model's at that point (`believe`). No kernel here returns anything else of the truth.
+rounded, and is projected back through the camera as drawn; unless a building hides the car. Only
+that point leaves; its covariance is the error model's at that point (`believe`). No kernel here
+returns anything else of the truth.
 """
 
 from __future__ import annotations
@@ -46,7 +47,10 @@ from models.errors import (
 from models.following import Course
 from models.geometry import FloatArray
 from models.installation import N_OFFSETS, displace_camera, offset_jacobian
+from models.obstacles import Obstacles
 from models.sampling import perturbed_pixel
+from models.sight import clear
+from models.sight_grid import SightGrid, sight_grid
 
 SEEN_CAMERA, SEEN_X, SEEN_Y = 0, 1, 2
 _SLACK = 2.5  # in report limits: a report nearer than the car by more is six sigma off
@@ -63,6 +67,7 @@ class Sensors(NamedTuple):
     whether offsets are drawn once a run, or afresh in every frame. reach_m (k,): ground distance
     beyond which the report limit or the range silences a camera. last_s_m (k,): how far along the
     drive a camera can still see the car. missed, false: probabilities a camera and frame.
+    buildings: what hides the car, relative to the course's origin, too.
     """
 
     table: FloatArray
@@ -74,6 +79,7 @@ class Sensors(NamedTuple):
     last_s_m: FloatArray
     missed: float
     false: float
+    buildings: SightGrid
 
 
 def sensors(
@@ -84,8 +90,9 @@ def sensors(
     max_range_m: float = 150.0,
     missed: float = 0.0,
     false: float = 0.0,
+    obstacles: Obstacles | None = None,
 ) -> Sensors:
-    """Gather what kernels need of `cameras` beside `course`; raises ValueError on bad shares."""
+    """Gather what kernels need of `cameras` past `obstacles`; raises ValueError on bad shares."""
     for name, share in (("missed", missed), ("false", false)):
         if not 0.0 <= share < 1.0:
             raise ValueError(f"simulation.{name} must lie in [0, 1), got {share}")
@@ -110,6 +117,7 @@ def sensors(
         last_sight,
         float(missed),
         float(false),
+        sight_grid(obstacles.moved(-course.origin_x_m, -course.origin_y_m) if obstacles else None),
     )
 
 
@@ -163,6 +171,10 @@ def observe(
             standing = moved
         u, v, inside = pixel_from_offset(standing, x - standing[X], y - standing[Y])
         if not inside:
+            continue
+        if sensors.buildings.nx and not clear(
+            sensors.buildings, standing[X], standing[Y], standing[HEIGHT], x, y
+        ):
             continue
         if sensors.missed > 0.0 and rng.random() < sensors.missed:
             continue

@@ -41,6 +41,7 @@ from models.control import Control, SpeedPolicy
 from models.errors import ErrorModel
 from models.following import Course, course
 from models.geometry import BoolArray, FloatArray, IntArray
+from models.obstacles import Obstacles
 from models.plants import Plant, SingleTrack, plant_from_name, plant_parameters
 from models.roads import Road
 from models.sensing import Sensors, sensors
@@ -162,12 +163,14 @@ def closed_loop(
     vehicle: Vehicle | None = None,
     control: Control | None = None,
     settings: Settings | None = None,
+    obstacles: Obstacles | None = None,
 ) -> ClosedLoop:
     """Set up a drive along `road` under `cameras`.
 
     plant: 'kinematic' or 'single-track'; the latter brings its own vehicle. speed: by default
-    `speed_policy` at 20 m/s. Raises ValueError for a road tighter than the vehicle can
-    turn, naming the place, and for a latency longer than the drive.
+    `speed_policy` at 20 m/s. obstacles: buildings that hide the car from cameras. Raises ValueError
+    for a road tighter than the vehicle can turn, naming the place, and for a latency longer than
+    the drive.
     """
     settings = settings or Settings()
     kind = plant_from_name(plant)
@@ -184,6 +187,7 @@ def closed_loop(
         max_range_m=settings.max_range_m,
         missed=settings.missed,
         false=settings.false,
+        obstacles=obstacles,
     )
     car = Car(
         int(kind),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from models.errors import ErrorModel
 from models.files.centreline import read_centreline
 from models.geometry import BoolArray, FloatArray, IntArray
 from models.installation import Installation
+from models.obstacles import Obstacles
 from models.roads import Piece, Road, RoadPoints, road_from_pieces
 from models.vehicle import PROFILES, OdometryNoise, from_alphas
 from placement.candidates import Candidates, build_candidates
@@ -30,6 +31,7 @@ from placement.objectives.kalman_gain import kalman_gain
 from placement.objectives.localisation import Localisation
 from placement.objectives.navigation_chain import Drive
 from placement.objectives.trace import Trace
+from placement.obstacles import build_obstacles
 from placement.problem import Problem
 
 # The dissertation's alphas are noise for each step of a filter at 25 Hz.
@@ -41,7 +43,8 @@ class Scene:
     """Hold an instance and all that follows from it; `problem` is what solvers see.
 
     `road` is the centre line along which mounts stand; `journeys` are the drives along it that the
-    objective is about, and `points` and `information` are the first one's.
+    objective is about, and `points` and `information` are the first one's. `obstacles` are the
+    buildings that block a camera's view.
     """
 
     instance: Instance
@@ -49,6 +52,7 @@ class Scene:
     candidates: Candidates
     journeys: tuple[Journey, ...]
     problem: Problem
+    obstacles: Obstacles = field(default_factory=Obstacles)
 
     @property
     def points(self) -> RoadPoints:
@@ -79,7 +83,8 @@ def assemble(instance: Instance) -> Scene:
     road = build_road(instance)
     candidates = build_candidates(instance, road)
     constraints = build_constraints(instance.budget, candidates)
-    journeys = build_journeys(instance, road, candidates.cameras, build_errors(instance))
+    obstacles = build_obstacles(instance)
+    journeys = build_journeys(instance, road, candidates.cameras, build_errors(instance), obstacles)
     if not any(len(journey.information.indices) for journey in journeys):
         raise ValueError(
             f"none of {len(candidates):,} candidate poses reports a position anywhere on the road: "
@@ -93,7 +98,7 @@ def assemble(instance: Instance) -> Scene:
         path_length_m=road.length_m,
         cheap_scores=partial(_kalman_gain, candidates, journeys),
     )
-    return Scene(instance, road, candidates, tuple(journeys), problem)
+    return Scene(instance, road, candidates, tuple(journeys), problem, obstacles)
 
 
 def _kalman_gain(candidates: Candidates, journeys: Sequence[Journey]) -> FloatArray:

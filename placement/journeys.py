@@ -10,6 +10,7 @@ import numpy as np
 from models.cameras import Cameras
 from models.errors import ErrorModel
 from models.lanes import lane
+from models.obstacles import Obstacles
 from models.roads import Road, RoadPoints
 from models.vehicle import OdometryNoise
 from placement.information import Information, compute_information
@@ -55,9 +56,13 @@ def journey_roads(instance: Instance, road: Road) -> list[tuple[str, Road, float
 
 
 def build_journeys(
-    instance: Instance, road: Road, cameras: Cameras, errors: ErrorModel
+    instance: Instance,
+    road: Road,
+    cameras: Cameras,
+    errors: ErrorModel,
+    obstacles: Obstacles | None = None,
 ) -> list[Journey]:
-    """Sample each drive and compute what all `cameras` tell about it.
+    """Sample each drive and compute what all `cameras` tell about it, past `obstacles`.
 
     Raises:
         ValueError: for too many samples, or a lane that cannot be.
@@ -71,6 +76,7 @@ def build_journeys(
             points,
             errors,
             instance.camera.max_range_m,
+            obstacles=obstacles,
             frames_per_sample=instance.camera.rate_hz * spacing / instance.vehicle.speed_mps,
         )
         journeys.append(Journey(name, driven, points, information, weight))

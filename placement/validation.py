@@ -141,6 +141,7 @@ def _drive_journey(
             initial_sigma=instance.vehicle.initial_sigma,
             max_range_m=instance.camera.max_range_m,
         ),
+        obstacles=scene.obstacles,
     )
     return validate_loop(
         loop,

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 # A footprint may reach the horizon; the picture cuts it where the car is no longer placed well.
 DRAWN_RANGE_M = 60.0
+_MARGIN_M = 100.0  # buildings are drawn this far beyond the road
 
 
 def draw(result: Result) -> dict[str, Content]:
@@ -30,7 +31,7 @@ def draw(result: Result) -> dict[str, Content]:
 
 
 def draw_map(axes: Axes, result: Result) -> None:
-    """Draw the road's edges, each camera, and the ground it sees."""
+    """Draw the road's edges, the buildings, each camera, and the ground in its field of view."""
     scene = result.scene
     points = scene.road.sample(scene.instance.road.sample_spacing_m)
     left, right = scene.road.half_widths(points.s_m)
@@ -44,6 +45,10 @@ def draw_map(axes: Axes, result: Result) -> None:
             driven = journey.points.xy
             label = None if n else "drives"
             axes.plot(*driven.T, color=GREY, linewidth=0.5, linestyle="--", label=label)
+    limits = points.xy.min(axis=0) - _MARGIN_M, points.xy.max(axis=0) + _MARGIN_M
+    for outline in scene.obstacles.rings:
+        if np.all(outline.max(axis=0) > limits[0]) and np.all(outline.min(axis=0) < limits[1]):
+            axes.fill(outline[:, 0], outline[:, 1], color=GREY, alpha=0.5, linewidth=0)
     chosen = np.array(sorted(result.solution.selected), dtype=np.int64)
     cameras = scene.candidates.cameras.subset(chosen)
     reach = min(scene.instance.camera.max_range_m, DRAWN_RANGE_M)

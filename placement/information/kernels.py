@@ -44,8 +44,12 @@ from models.errors import (
 from models.geometry import FloatArray, IntArray
 from models.installation import N_OFFSETS, offset_jacobian
 from models.projections import lens_angle
+from models.sight import BLOCKED, CLEAR, UNSURE, glance, look
+from models.sight_grid import SightGrid
 from placement.information.pairs import inform, is_plain_pinhole, road_block
 from placement.information.sample_tree import LEAF, find_leaves
+
+_UNKNOWN = 255
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -57,6 +61,7 @@ def walk_poses(
     samples: FloatArray,
     circles: FloatArray,
     first_leaf: int,
+    grid: SightGrid,
     begin: int,
     end: int,
     write: bool,
@@ -71,23 +76,33 @@ def walk_poses(
     Counting puts each pose's number of visible samples into indptr[i + 1]. Writing fills indices
     and blocks (nnz, 1 | 3), and white (nnz, 3) and offsets (nnz, 2, 6) unless they are empty, from
     indptr[i] on. `sigmas` (6,) scales the offsets; `samples`, `circles` are a `SampleTree`'s.
+    Only what is in a pose's field of view is looked for behind the buildings of `grid`, and once
+    for all poses in a row that stand at one place.
     """
     stack = np.empty(72, dtype=np.int64)
     leaves = np.empty(first_leaf, dtype=np.int64)
     planes = np.empty((5, 3))
     out = np.empty((blocks.shape[1], LEAF))
     jacobian = np.empty((2, N_OFFSETS))
+    # What is known of the sight from the place that `known_from` stands at.
+    known = np.zeros(first_leaf * LEAF if grid.nx else 0, dtype=np.uint8)
+    known_from = -1
     for i in range(begin, end):
         if write and indptr[i + 1] == indptr[i]:
             continue
         row = table[i]
         bound_view(row, planes)
         far = reach(row, parameters, max_range_m)
+        if grid.nx and (known_from < 0 or not _same_place(row, table[known_from])):
+            known[:] = _UNKNOWN
+            known_from = i
         found = find_leaves(circles, first_leaf, planes, row[X], row[Y], far, stack, leaves)
         at = indptr[i] if write else 0
         for k in range(found):
             start = leaves[k] * LEAF
             inform(row, parameters, max_range_m, samples, start, start + LEAF, out)
+            if grid.nx:
+                _hide(grid, row, samples, start, known, out)
             for j in range(LEAF):
                 if out[0, j] > 0.0:
                     if write:
@@ -102,6 +117,35 @@ def walk_poses(
                     at += 1
         if not write:
             indptr[i + 1] = at
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _same_place(row: FloatArray, other: FloatArray) -> bool:
+    same: bool = row[X] == other[X] and row[Y] == other[Y] and row[HEIGHT] == other[HEIGHT]
+    return same
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _hide(
+    grid: SightGrid,
+    row: FloatArray,
+    samples: FloatArray,
+    start: int,
+    known: NDArray[np.uint8],
+    out: FloatArray,
+) -> None:
+    """Put out[0] to 0 for the samples of a leaf that buildings hide; remember them in `known`."""
+    x, y, h = row[X], row[Y], row[HEIGHT]
+    for j in range(LEAF):
+        if out[0, j] > 0.0 and known[start + j] == _UNKNOWN:
+            known[start + j] = glance(grid, x, y, h, samples[0, start + j], samples[1, start + j])
+    for j in range(LEAF):
+        if out[0, j] > 0.0:
+            if known[start + j] == UNSURE:
+                seen = look(grid, x, y, h, samples[0, start + j], samples[1, start + j])
+                known[start + j] = CLEAR if seen else BLOCKED
+            if known[start + j] != CLEAR:
+                out[0, j] = 0.0
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -14,7 +14,9 @@ from models.cameras import Cameras
 from models.errors import ErrorModel
 from models.geometry import FloatArray, IntArray
 from models.installation import N_OFFSETS
+from models.obstacles import Obstacles
 from models.roads import RoadPoints
+from models.sight_grid import SightGrid, sight_grid
 from placement.information import kernels
 from placement.information.sample_tree import SampleTree, build_tree
 
@@ -64,15 +66,17 @@ def compute_information(
     errors: ErrorModel,
     max_range_m: float,
     *,
+    obstacles: Obstacles | None = None,
     frames_per_sample: float = 1.0,
     workers: int | None = None,
 ) -> Information:
     """Compute what every camera learns about every path sample, by the compiled kernels.
 
     A camera sees a sample that lies inside both fields of view, within `max_range_m` on the
-    ground, and is found within `errors.report_limit_m` (95 %); all borders belong, to 1e-9
-    relative. Poses are walked twice, to count and to write, so nothing else as large as the result
-    exists; the work grows with the visible pairs, by way of `placement.information.sample_tree`.
+    ground, is found within `errors.report_limit_m` (95 %), and is hidden by no building of
+    `obstacles` (`models.sight`); all borders belong, to 1e-9 relative. Poses are walked twice, to
+    count and to write, so nothing else as large as the result exists; the work grows with the
+    visible pairs, by way of `placement.information.sample_tree`.
 
     `workers` threads (default: one a core, but no more than there is work for) give bitwise the
     same result.
@@ -87,13 +91,14 @@ def compute_information(
     if workers is None:
         workers = max(1, min(len(os.sched_getaffinity(0)), c // (2 * SHARE)))
     tables = _Tables(cameras)
+    grid = sight_grid(obstacles)
     indptr = np.zeros(c + 1, dtype=np.int64)
     found = _Entries.of(0, width, splits=False)
     with ThreadPoolExecutor(workers) as pool:
-        _walk(pool, tables, errors, max_range_m, tree, indptr, found, write=False)
+        _walk(pool, tables, errors, max_range_m, tree, grid, indptr, found, write=False)
         np.cumsum(indptr, out=indptr)
         found = _Entries.of(int(indptr[-1]), width, splits=errors.splits)
-        _walk(pool, tables, errors, max_range_m, tree, indptr, found, write=True)
+        _walk(pool, tables, errors, max_range_m, tree, grid, indptr, found, write=True)
     return Information(
         n_samples=len(points),
         indptr=indptr,
@@ -148,6 +153,7 @@ def _walk(
     errors: ErrorModel,
     max_range_m: float,
     tree: SampleTree,
+    grid: SightGrid,
     indptr: IntArray,
     found: _Entries,
     *,
@@ -166,6 +172,7 @@ def _walk(
                 tree.samples,
                 tree.circles,
                 tree.first_leaf,
+                grid,
                 first,
                 min(first + SHARE, len(table)),
                 write,

@@ -15,14 +15,20 @@ import numpy as np
 from models.cameras import ANGLE_LIMIT, BORDER, Cameras
 from models.errors import CHI2_95, ROUNDING_VARIANCE_PX2, ErrorModel
 from models.geometry import BoolArray, FloatArray
+from models.obstacles import Obstacles
 from models.projections import Projection
 from models.roads import RoadPoints
+from models.sight import line_of_sight
 
 CHUNK_PAIRS = 1 << 15  # pairs at a time: of 2^12 … 2^20 the fastest, with 2^14 and 2^16 near it
 
 
 def dense_information(
-    cameras: Cameras, points: RoadPoints, errors: ErrorModel, max_range_m: float
+    cameras: Cameras,
+    points: RoadPoints,
+    errors: ErrorModel,
+    max_range_m: float,
+    obstacles: Obstacles | None = None,
 ) -> FloatArray:
     """Return every camera's information about every sample, (c, t, 1 | 3) in 1/m²; 0 unseen.
 
@@ -31,6 +37,9 @@ def dense_information(
     dense = np.empty((len(cameras), len(points), 1 if errors.isotropic else 3))
     for rows, part in dense_chunks(cameras, points, errors, max_range_m):
         dense[rows] = part
+    if obstacles is not None:
+        x, y, h = (a[:, None] for a in (cameras.x_m, cameras.y_m, cameras.height_m))
+        dense[~line_of_sight(obstacles, x, y, h, points.x_m, points.y_m)] = 0.0
     return dense
 
 

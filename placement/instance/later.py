@@ -39,8 +39,6 @@ LATER = (
     Later("road.file", _ends(".net.xml", ".net.xml.gz"), "give a .csv centre line"),
     Later("road.file", _ends(".osm", ".osm.pbf", ".pbf"), "give a .csv centre line"),
     Later("road.file", _ends(".geojson", ".json"), "give a .csv centre line"),
-    Later("obstacles.polygons", _given, "leave it out: nothing blocks a view"),
-    Later("obstacles.file", _given, "leave it out: nothing blocks a view"),
     Later("objective.kind", _is("tolerance"), 'use "localisation"'),
     Later("objective.kind", _is("kalman_gain"), 'use "localisation"'),
     Later("budget.failures", _given, "leave it out: no camera fails"),

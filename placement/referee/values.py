@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from models.geometry import FloatArray
+from models.obstacles import Obstacles
 from models.projections import Projection
 from models.roads import Road
 from placement.assemble import build_odometry, build_road
 from placement.candidates import Candidates
 from placement.instance import Instance
 from placement.journeys import journey_roads
+from placement.obstacles import build_obstacles
 from placement.referee.drive import Filtered, Track, filter_drive
+from placement.referee.shadows import unhidden
 from placement.referee.sight import Eye, Sight, look
 
 
@@ -34,6 +37,7 @@ class Scene:
     name: str = "forward"
     weight: float = 1.0
     others: tuple[Scene, ...] = ()
+    obstacles: Obstacles = field(default_factory=Obstacles)
 
     def drives(self) -> list[Scene]:
         """Return this drive and the others."""
@@ -46,25 +50,17 @@ def rebuild(instance: Instance) -> Scene:
     Raises:
         ValueError: for an instance with something that this referee does not know.
     """
-    unknown = [
-        name
-        for name, given in (
-            ("obstacles", bool(instance.obstacles.polygons or instance.obstacles.file)),
-        )
-        if given
-    ]
-    if instance.objective.kind not in VALUES:
-        unknown.append(f"objective.kind = {instance.objective.kind}")
-    if unknown:
-        raise ValueError(f"verify does not know {' and '.join(unknown)}: nothing was checked")
     kind = instance.objective.kind
+    if kind not in VALUES:
+        raise ValueError(f"verify does not know objective.kind = {kind}: nothing was checked")
+    obstacles = build_obstacles(instance)
     roads = journey_roads(instance, build_road(instance))
     total = math.fsum(weight for _, _, weight in roads) if kind in AVERAGED else 1.0
-    first, *others = [_drive(instance, name, road, w / total) for name, road, w in roads]
+    first, *others = [_drive(instance, name, road, w / total, obstacles) for name, road, w in roads]
     return replace(first, others=tuple(others))
 
 
-def _drive(instance: Instance, name: str, road: Road, weight: float) -> Scene:
+def _drive(instance: Instance, name: str, road: Road, weight: float, obstacles: Obstacles) -> Scene:
     intervals = max(1, math.ceil(road.length_m / instance.road.sample_spacing_m - 1e-9))
     spacing = road.length_m / intervals
     points = road.evaluate(np.arange(intervals + (not road.closed)) * spacing)
@@ -83,7 +79,7 @@ def _drive(instance: Instance, name: str, road: Road, weight: float) -> Scene:
         frames=instance.camera.rate_hz * spacing / instance.vehicle.speed_mps,
     )
     xy = np.column_stack([points.x_m, points.y_m])
-    return Scene(instance, road, track, xy, points.curvature, name, weight)
+    return Scene(instance, road, track, xy, points.curvature, name, weight, obstacles=obstacles)
 
 
 def eyes_of(candidates: Candidates, selected: Sequence[int]) -> list[Eye]:
@@ -113,9 +109,15 @@ def eyes_of(candidates: Candidates, selected: Sequence[int]) -> list[Eye]:
 
 
 def sights_of(scene: Scene, eyes: Sequence[Eye]) -> list[Sight]:
-    """Look along the whole path with each camera."""
+    """Look along the whole path with each camera, as far as no building stands in between."""
     instance = scene.instance
-    return [look(eye, scene.xy, instance.errors, instance.camera.max_range_m) for eye in eyes]
+    sights = []
+    for eye in eyes:
+        sight = look(eye, scene.xy, instance.errors, instance.camera.max_range_m)
+        seen = sight.seen.copy()
+        seen[seen] = unhidden(eye, scene.xy[seen], scene.obstacles)
+        sights.append(replace(sight, seen=seen))
+    return sights
 
 
 def filtered(scene: Scene, sights: Sequence[Sight]) -> Filtered:
