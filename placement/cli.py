@@ -74,7 +74,7 @@ def _complain(problem: str) -> None:
 
 @app.command()
 def solve(
-    instance: Annotated[str, typer.Argument(help="A TOML file, or a shipped name: circuit, …")],
+    instance: Annotated[str, typer.Argument(help="A TOML file, a shipped name, an .npz or a table.")],
     out: Annotated[Path, typer.Option(help="The folder the results go to.")],
     method: Annotated[str, typer.Option(help="How to solve; `placement methods` lists them.")] = (
         "auto"

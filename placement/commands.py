@@ -35,7 +35,10 @@ LEFT_BEHIND = (
     "map.png",
     "map.svg",
     "index.html",
+    "problem.npz",
 )
+# Endings of bare information problems, and of tables of experiments.
+BARE = (".npz", ".csv", ".tsv", ".txt", ".dat")
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +68,8 @@ def solve_into(
 ) -> Status:
     """Solve the instance `source` (a TOML file or a shipped name) and write the results to `out`.
 
+    A bare information problem (.npz, or a table of experiments) goes to `placement.bare`.
+
     A `budget` A:B solves every budget from A to B: the folder holds the solution of the last, and
     the curve of all.
 
@@ -73,6 +78,14 @@ def solve_into(
     """
     from placement.watch import watch
 
+    if Path(source).suffix.lower() in BARE:
+        from placement.bare import solve_bare_into
+
+        return solve_bare_into(
+            out, source, method=method, objective=objective, budget=budget,
+            time_limit_s=time_limit_s, seed=seed, quiet=quiet,
+            stale=("instance.json", *LEFT_BEHIND),
+        )  # fmt: skip
     changes: dict[str, Any] = {}
     if objective is not None:
         changes["objective.kind"] = objective

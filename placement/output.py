@@ -105,7 +105,7 @@ def solution_record(scene: Scene, solution: Solution) -> dict[str, Any]:
         "cameras": cameras_table(scene, solution).to_dict(orient="records"),
         "stats": solution.stats,
         "seed": solution.seed,
-        "versions": _versions(),
+        "versions": versions(),
         "instance_sha256": scene.instance.sha256(),
     }
 
@@ -280,7 +280,8 @@ def _instance_record(instance: Instance) -> dict[str, Any]:
     }
 
 
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
+    """Return the versions of what a solution rests on, of those that are installed."""
     found = {}
     for name in PACKAGES:
         try:

@@ -91,6 +91,11 @@ def verify_folder(
             something the referee does not know.
     """
     tell = progress or (lambda _text, _fraction: None)
+    if (folder / "problem.npz").exists():
+        from placement.referee.dense import dense_checks, read_record
+
+        tell("recomputing densely", None)
+        return Verification(*dense_checks(folder, read_record(folder), certificate_checks))
     stored = read_folder(folder, check_hash=False)
     tell("rebuilding the instance", None)
     scene = rebuild(stored.instance)

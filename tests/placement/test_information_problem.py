@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from placement.experiments import read_experiments
 from placement.information_problem import (
     information_problem,
-    read_experiments,
     read_information_problem,
     write_information_problem,
 )
