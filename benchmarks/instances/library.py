@@ -37,9 +37,10 @@ class Entry:
         if self.source == "generated":
             arguments = dict(self.arguments) | changes
             generator = f"{_GENERATORS}:{self.generator}"
-            spec = {"generator": generator, "arguments": arguments}
-            return Case(self.name, "design", spec)
-        spec = {"changes": {key.replace("__", "."): value for key, value in changes.items()}}
+            return Case(self.name, "design", {"generator": generator, "arguments": arguments})
+        spec: dict[str, Any] = {
+            "changes": {key.replace("__", "."): value for key, value in changes.items()}
+        }
         if self.source == "real":
             spec |= {"real": self.name, "data": data}
         else:

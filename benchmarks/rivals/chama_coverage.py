@@ -5,6 +5,9 @@ Its `redundancy` r asks for r + 1 sensors; groups go in by its grouping constrai
 
 from __future__ import annotations
 
+import importlib
+from typing import Any
+
 import numpy as np
 import pandas as pd
 
@@ -15,8 +18,8 @@ from placement.objectives.coverage import Coverage
 
 def solve_chama(subject: Subject, limits: Limits) -> Answer:
     """Build Chama's model and solve it; sensors are named by candidate number."""
-    import pyomo.environ as pyomo
-    from chama.optimize import CoverageFormulation
+    pyomo: Any = importlib.import_module("pyomo.environ")
+    chama: Any = importlib.import_module("chama.optimize")
 
     f, constraints = subject.problem.objective, subject.problem.constraints
     if not isinstance(f, Coverage) or f.partial:
@@ -31,7 +34,7 @@ def solve_chama(subject: Subject, limits: Limits) -> Answer:
     names = [i for i, row in enumerate(rows) if row.size and usable[i]]
     table = pd.DataFrame({"Sensor": names, "Coverage": [[int(t) for t in rows[i]] for i in names]})
     seen = sorted({int(t) for i in names for t in rows[i]})
-    formulation = CoverageFormulation()
+    formulation = chama.CoverageFormulation()
     sensor = None
     if constraints.limits_money and constraints.cost is not None:
         sensor = pd.DataFrame({"Sensor": names, "Cost": constraints.cost[names]})

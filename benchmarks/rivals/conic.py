@@ -7,12 +7,12 @@ the method `relaxation`.
 
 from __future__ import annotations
 
+import importlib
 import math
 import time
 import warnings
 from typing import Any
 
-import cvxpy as cp
 import numpy as np
 from scipy import sparse
 
@@ -25,6 +25,8 @@ from placement.objectives.localisation import Localisation
 from placement.objectives.log_det import LogDet
 from placement.problem import Problem, Run
 from placement.solvers.exchange import polish
+
+cp: Any = importlib.import_module("cvxpy")  # has no types
 
 LARGEST_LOG_DET = 120  # a dense log det of more states takes a conic solver minutes to hours
 LARGEST_ENTRIES = 3_000_000

@@ -6,6 +6,7 @@ isotropic, as Σ_t log(1 + Σ_i x_it), and where a count is all that limits the 
 
 from __future__ import annotations
 
+import importlib
 from typing import Any
 
 import numpy as np
@@ -23,8 +24,7 @@ LARGEST_KERNEL = 6_000  # submodlib wants c × c numbers as nested Python lists
 
 def solve_apricot(subject: Subject, limits: Limits) -> Answer:
     """Run apricot's lazy greedy on the fitting selection."""
-    import apricot
-
+    apricot: Any = importlib.import_module("apricot")
     f, k = subject.problem.objective, count_alone(subject.problem.constraints)
     options: dict[str, Any] = {"n_samples": k, "random_state": limits.seed, "n_jobs": 1}
     if isinstance(f, LogDet):
@@ -61,8 +61,7 @@ def solve_apricot(subject: Subject, limits: Limits) -> Answer:
 
 def solve_submodlib(subject: Subject, limits: Limits) -> Answer:
     """Run submodlib's lazy greedy (written in C++) on the fitting function."""
-    import submodlib
-    from scipy.sparse import csr_matrix
+    submodlib: Any = importlib.import_module("submodlib")
 
     del limits  # it knows neither time limits nor seeds
     f, k = subject.problem.objective, count_alone(subject.problem.constraints)
@@ -79,7 +78,7 @@ def solve_submodlib(subject: Subject, limits: Limits) -> Answer:
     elif isinstance(f, Coverage):
         if f.times > 1:
             raise CannotSayError("submodlib's set cover is seen or not, never twice")
-        rows = csr_matrix(f.seen)
+        rows = sparse.csr_matrix(f.seen)
         cover = [
             {int(t) for t in rows.indices[rows.indptr[i] : rows.indptr[i + 1]]} for i in range(c)
         ]
@@ -117,16 +116,14 @@ def _feature_based(features: list[list[tuple[int, float]]], weights: list[float]
 
     That would be another function; and it fails on sparse rows with NumPy 2.
     """
-    from submodlib.functions.setFunction import SetFunction
-    from submodlib_cpp import FeatureBased
+    base: Any = importlib.import_module("submodlib.functions.setFunction")
+    core: Any = importlib.import_module("submodlib_cpp").FeatureBased
 
-    class Features(SetFunction):  # type: ignore[misc]
+    class Features(base.SetFunction):  # type: ignore[misc]
         def __init__(self) -> None:
             self.n = len(features)
             self.effective_ground = set(range(self.n))
-            self.cpp_obj = FeatureBased(
-                self.n, FeatureBased.logarithmic, features, len(weights), weights
-            )
+            self.cpp_obj = core(self.n, core.logarithmic, features, len(weights), weights)
 
     return Features()
 

@@ -11,11 +11,10 @@ extension, and at whole x the submodular cut besides.
 
 from __future__ import annotations
 
+import importlib
 from typing import Any
 
 import numpy as np
-import pyscipopt
-from pyscipopt import SCIP_RESULT, Conshdlr, Model, quicksum
 
 from benchmarks.rivals.registry import Answer, CannotSayError, Limits
 from benchmarks.runner.subjects import Subject
@@ -26,6 +25,9 @@ from placement.constraints import Constraints
 from placement.objectives.coverage import Coverage
 from placement.objectives.localisation import Localisation
 from placement.objectives.log_det import LogDet
+
+pyscipopt: Any = importlib.import_module("pyscipopt")
+quicksum, SCIP_RESULT = pyscipopt.quicksum, pyscipopt.SCIP_RESULT
 
 LARGEST_MINLP = 400_000  # entries: beyond, building the expressions alone takes minutes
 VIOLATION = 1e-6
@@ -86,7 +88,7 @@ def solve_with_cuts(subject: Subject, limits: Limits) -> Answer:
     return _answer(model, x)
 
 
-class _Handler(Conshdlr):  # type: ignore[misc]
+class _Handler(pyscipopt.Conshdlr):  # type: ignore[misc]
     """Add cuts at whatever SCIP proposes; a proposal that violates none is right."""
 
     x: list[Any]
@@ -197,7 +199,7 @@ def _rows_of(cuts: Cuts, x: list[Any], z: list[Any]) -> list[Any]:
 
 def _model(constraints: Constraints, limits: Limits) -> tuple[Any, list[Any]]:
     """Return a quiet model with a binary for each candidate and the rules of placements."""
-    model = Model()
+    model = pyscipopt.Model()
     model.hideOutput()
     model.setParam("limits/time", limits.time_limit_s)
     model.setParam("randomization/randomseedshift", limits.seed)

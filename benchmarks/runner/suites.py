@@ -139,7 +139,8 @@ def _camera(data: str | None) -> Suite:
     ours = ("auto", "greedy", "exchange", "search", "relaxation", "mip")
     baselines = ("uniform", "hill-climb", "cascade")
     cases = _cases(f"{localisation} {coupled}", data)
-    solvers = dict.fromkeys(localisation.split(), (*ours, *ROAD_RIVALS))
+    everybody: tuple[str, ...] = (*ours, *ROAD_RIVALS)
+    solvers = dict.fromkeys(localisation.split(), everybody)
     solvers |= {
         name: ("auto", "greedy", "exchange", "search", *extra, *baselines, *ROAD_RIVALS)
         for name in coupled.split()
