@@ -77,8 +77,9 @@ def load_subject(case: Case) -> Subject:
     return KINDS[case.kind](case)
 
 
-def tiny_subject(kind: str) -> Subject:
-    """Return a problem of a dozen candidates, on which a solver may load its code untimed."""
+def tiny_subject(case: Case) -> Subject:
+    """Return a problem like that of `case` with a dozen candidates, to load code on, untimed."""
+    kind = case.kind
     if kind == "design":
         spec = {"generator": "benchmarks.instances.generators:gaussian"}
         arguments = {"n": 3, "c": 12, "budget": 3, "prior": 1.0, "seed": 0}
@@ -86,7 +87,13 @@ def tiny_subject(kind: str) -> Subject:
     if kind == "synthetic":
         sizes = {"candidates": 12, "samples": 30, "window": 5, "budget": 3, "seed": 0}
         return load_subject(Case("tiny", "synthetic", sizes))
+    like = read_instance(case.spec)
     changes = {
+        "objective.kind": like.objective.kind,
+        "objective.weight": like.objective.weight,
+        "errors.model": like.errors.model,
+        "errors.persistent": like.errors.persistent,
+        "budget.one_per_mount": False,  # which some rivals have no word for
         "road.pieces": [{"length": 40.0}],
         "road.sample_spacing_m": 2.0,
         "camera.yaw_deg": [180.0, 210.0],
@@ -94,7 +101,8 @@ def tiny_subject(kind: str) -> Subject:
         "camera.fov_deg": [[60.0, 60.0]],
         "budget.cameras": 2,
     }
-    return load_subject(Case("tiny", kind, {"instance": "straight-80", "changes": changes}))
+    spec = {"instance": "straight-80", "changes": changes, "times": case.spec.get("times", 1)}
+    return load_subject(Case("tiny", kind, spec))
 
 
 def read_instance(spec: Mapping[str, Any]) -> Instance:

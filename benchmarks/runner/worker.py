@@ -64,7 +64,7 @@ def perform(job: Mapping[str, Any]) -> dict[str, Any]:
             lacking = RIVALS[solver].missing()
             if lacking is not None:
                 return row | _said("not_installed", f"{lacking} is not installed")
-        _warm_up(case.kind, solver)
+        _warm_up(case, solver)
         answer, claimed, seconds, cpu = _timed(subject, solver, limits)
     except CannotSayError as error:
         return row | _said("cannot_say", str(error))
@@ -116,11 +116,11 @@ def _ours(subject: Subject, solver: str, limits: Limits) -> tuple[Answer, str]:
     return answer, str(solution.status)
 
 
-def _warm_up(kind: str, solver: str) -> None:
+def _warm_up(case: Case, solver: str) -> None:
     """Load and compile what the solver needs on a tiny problem; what goes wrong comes again."""
     with contextlib.suppress(Exception, SystemExit), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        _timed(tiny_subject(kind), solver, Limits(10.0, 0))
+        _timed(tiny_subject(case), solver, Limits(10.0, 0))
 
 
 def _judged(subject: Subject, answer: Answer, claimed: str | None) -> dict[str, Any]:
