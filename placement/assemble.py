@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from models.errors import ErrorModel
-from models.files.centreline import read_centreline
 from models.geometry import BoolArray, FloatArray, IntArray
 from models.installation import Installation
 from models.obstacles import Obstacles
-from models.roads import Piece, Road, RoadPoints, road_from_pieces
+from models.roads import Road, RoadPoints
 from models.vehicle import PROFILES, OdometryNoise, from_alphas
 from placement.candidates import Candidates, build_candidates
 from placement.constraints import Constraints, Infeasible
@@ -33,6 +32,7 @@ from placement.objectives.navigation_chain import Drive
 from placement.objectives.trace import Trace
 from placement.obstacles import build_obstacles
 from placement.problem import Problem
+from placement.roadway import build_road as build_road
 
 # The dissertation's alphas are noise for each step of a filter at 25 Hz.
 ALPHAS_HZ = 25.0
@@ -108,19 +108,6 @@ def _kalman_gain(candidates: Candidates, journeys: Sequence[Journey]) -> FloatAr
         axis=0,
     )
     return scores
-
-
-def build_road(instance: Instance) -> Road:
-    """Make the road of `[road]`, from its pieces or its file."""
-    section = instance.road
-    if section.pieces is not None:
-        pieces = [Piece(piece.length, *piece.curvature) for piece in section.pieces]
-        try:
-            return road_from_pieces(pieces, width_m=section.width_m, closed=section.closed is True)
-        except ValueError as error:
-            raise ValueError(f"road.pieces: {error}") from None
-    path = instance.files["road.file"]
-    return read_centreline(path, closed=section.closed, half_width_m=0.5 * section.width_m)
 
 
 def build_errors(instance: Instance) -> ErrorModel:

@@ -14,10 +14,13 @@ from models.cameras import Cameras, make_camera
 from models.files.catalogue import CameraType, read_catalogue
 from models.files.poles import read_poles
 from models.geometry import BoolArray, FloatArray, IntArray
+from models.network import RoadNetwork
 from models.projections import Projection
 from models.roads import Road
 from placement.instance import Instance
 from placement.instance.schema import CameraSection
+from placement.network_mounts import count_tries, place_along, surface_of
+from placement.roadway import network_of
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
@@ -73,7 +76,8 @@ def build_candidates(instance: Instance, road: Road) -> Candidates:
 
     Mounts stand at s = 0, spacing, 2·spacing, … up to the end (on a closed road the last gap may
     be shorter), `side_offset_m` beyond the road's edge on each side; or where a file of poles has
-    them. Dropped are
+    them. On a network they stand as `placement.network_mounts` has it, and `road` is all of its
+    streets in a row. Dropped are
 
     - mounts that would stand on the road: nearer to any part of the centre line than its half
       width there, as happens in hairpins and inside bends tighter than the offset. Poles of a
@@ -97,8 +101,14 @@ def build_candidates(instance: Instance, road: Road) -> Candidates:
             "camera.yaw_deg must hold a yaw that does not look away from the road on one of "
             f"mounts.sides, got {list(camera.yaw_deg)}"
         )
+    network = network_of(instance)
     if "mounts.file" in instance.files:
-        at = _standing_mounts(instance, road)
+        at = _standing_mounts(instance, road, network)
+    elif network is not None:
+        steps = count_tries(network, mounts.spacing_m)
+        total = steps * len(mounts.height_m) * sum(len(poses[side]) for side in sides)
+        _refuse_too_many(total, f"{steps:,} places along the streets", mounts.spacing_m)
+        at = _street_mounts(network, instance, sides)
     else:
         steps = _count_steps(road, mounts.spacing_m)
         total = steps * len(mounts.height_m) * sum(len(poses[side]) for side in sides)
@@ -239,11 +249,33 @@ def _place_mounts(road: Road, steps: int, instance: Instance, sides: list[int]) 
     )
 
 
-def _standing_mounts(instance: Instance, road: Road) -> _Mounts:
+def _street_mounts(network: RoadNetwork, instance: Instance, sides: list[int]) -> _Mounts:
+    mounts = instance.mounts
+    at, tried = place_along(network, mounts.spacing_m, mounts.side_offset_m, sides)
+    n = len(at.s_m)
+    return _Mounts(
+        at.s_m,
+        at.side,
+        at.x_m,
+        at.y_m,
+        [mounts.height_m] * n,
+        np.full(n, mounts.cost),
+        np.ones(n, dtype=np.bool_),
+        f"mounts must stand off every street and building, got none of {tried:,} places free: "
+        f"change mounts.side_offset_m ({mounts.side_offset_m:g}) or mounts.sides",
+    )
+
+
+def _standing_mounts(instance: Instance, road: Road, network: RoadNetwork | None) -> _Mounts:
     """Find the poles of a file along the road, in the file's order."""
     mounts, path = instance.mounts, instance.files["mounts.file"]
     poles = read_poles(path)
-    s, lateral, off = _off_the_road(road, poles.x_m, poles.y_m)
+    if network is None:
+        s, lateral, off = _off_the_road(road, poles.x_m, poles.y_m)
+    else:
+        surface = surface_of(network)
+        s, lateral = surface.nearest(poles.x_m, poles.y_m)
+        off = ~surface.covers(poles.x_m, poles.y_m)
     reach = instance.camera.max_range_m
     for n in np.flatnonzero(~off)[:1]:
         more = int(np.sum(~off)) - 1

@@ -14,8 +14,10 @@ from models.obstacles import Obstacles
 from models.roads import Road, RoadPoints
 from models.vehicle import OdometryNoise
 from placement.information import Information, compute_information
+from placement.information.join import split_samples
 from placement.instance import Instance
 from placement.objectives.navigation_chain import Drive
+from placement.roadway import STREETS, network_drives, network_of
 
 MOST_SAMPLES = 10_000_000
 
@@ -30,6 +32,11 @@ class Journey:
     information: Information
     weight: float = 1.0
 
+    @property
+    def drivable(self) -> bool:
+        """Whether a car could drive it: not all streets of a network, which jumps."""
+        return self.name != STREETS
+
     def drive(self, odometry: OdometryNoise, initial_sigma: Sequence[float]) -> Drive:
         """Return what the navigation objectives make of it."""
         return Drive(
@@ -40,9 +47,14 @@ class Journey:
 def journey_roads(instance: Instance, road: Road) -> list[tuple[str, Road, float]]:
     """Return name, road and weight of each of `objective.drives`; without any, the road itself.
 
+    Over a network they are those of `[traffic]` (`placement.roadway.network_drives`).
+
     Raises:
         ValueError: for a lane that passes the centre of a bend, naming the drive.
     """
+    network = network_of(instance)
+    if network is not None:
+        return network_drives(instance, network)
     if instance.objective.drives is None:
         return [("forward", road, 1.0)]
     roads = []
@@ -67,20 +79,46 @@ def build_journeys(
     Raises:
         ValueError: for too many samples, or a lane that cannot be.
     """
-    journeys = []
-    for name, driven, weight in journey_roads(instance, road):
-        points = sample_road(instance, driven)
-        spacing = driven.length_m / (len(points) if driven.closed else len(points) - 1)
-        information = compute_information(
-            cameras,
-            points,
-            errors,
-            instance.camera.max_range_m,
-            obstacles=obstacles,
-            frames_per_sample=instance.camera.rate_hz * spacing / instance.vehicle.speed_mps,
+    roads = journey_roads(instance, road)
+    _refuse_too_many(instance, roads)
+    points = [sample_road(instance, driven) for _, driven, _ in roads]
+    counts = [len(each) for each in points]
+    spacings = [
+        driven.length_m / (count if driven.closed else count - 1)
+        for (_, driven, _), count in zip(roads, counts, strict=True)
+    ]
+    frames = [instance.camera.rate_hz * d / instance.vehicle.speed_mps for d in spacings]
+    whole = compute_information(
+        cameras,
+        points[0] if len(points) == 1 else _one_after_another(points),
+        errors,
+        instance.camera.max_range_m,
+        obstacles=obstacles,
+        frames_per_sample=frames[0],
+    )
+    parts = [whole] if len(points) == 1 else split_samples(whole, counts, frames)
+    return [
+        Journey(name, driven, at, information, weight)
+        for (name, driven, weight), at, information in zip(roads, points, parts, strict=True)
+    ]
+
+
+def _one_after_another(points: Sequence[RoadPoints]) -> RoadPoints:
+    columns = (
+        np.concatenate([getattr(each, name) for each in points])
+        for name in ("s_m", "x_m", "y_m", "heading_rad", "curvature")
+    )
+    return RoadPoints(*columns)
+
+
+def _refuse_too_many(instance: Instance, roads: Sequence[tuple[str, Road, float]]) -> None:
+    total = sum(driven.length_m for _, driven, _ in roads)
+    if len(roads) > 1 and total / instance.road.sample_spacing_m > MOST_SAMPLES:
+        raise ValueError(
+            f"the drives must have at most {MOST_SAMPLES:,} samples, got {total / 1000:,.0f} km "
+            f"every {instance.road.sample_spacing_m:g} m: raise road.sample_spacing_m or lower "
+            "traffic.drives"
         )
-        journeys.append(Journey(name, driven, points, information, weight))
-    return journeys
 
 
 def sample_road(instance: Instance, road: Road) -> RoadPoints:

@@ -9,15 +9,17 @@ import numpy as np
 from models.georeference import Georeference
 from models.obstacles import Obstacles, obstacles_from_polygons
 from placement.instance import Instance
+from placement.roadway import file_obstacles, georeference_of
 
 SUFFIXES = (".geojson", ".json", ".poly.xml", ".poly.xml.gz")
 
 
-def build_obstacles(instance: Instance, georeference: Georeference | None = None) -> Obstacles:
-    """Gather `obstacles.polygons`, all `obstacles.height_m` high, and those of `obstacles.file`.
+def build_obstacles(instance: Instance) -> Obstacles:
+    """Gather the buildings of `road.file`, of `obstacles.polygons` and of `obstacles.file`.
 
-    A file is GeoJSON, or SUMO's polygons; it may give each building its own height. `georeference`
-    is that of the road: without one, coordinates are metres of the road's frame.
+    Polygons are all `obstacles.height_m` high. A file is GeoJSON, or SUMO's polygons; it may give
+    each building its own height. Its coordinates are those of the road's file where that lies on
+    the Earth, else metres of the road's frame.
 
     Raises:
         ValueError: one line that names the file and what is wrong.
@@ -25,11 +27,14 @@ def build_obstacles(instance: Instance, georeference: Georeference | None = None
     section = instance.obstacles
     outlines = [(np.array(polygon, dtype=np.float64), ()) for polygon in section.polygons]
     given, _, _ = obstacles_from_polygons(outlines, np.full(len(outlines), section.height_m))
+    parts = [file_obstacles(instance), given]
     path = instance.files.get("obstacles.file")
-    if path is None:
-        return given
-    read = _read(path, section.height_m, georeference or Georeference())
-    return Obstacles((*given.rings, *read.rings), np.concatenate([given.height_m, read.height_m]))
+    if path is not None:
+        parts.append(_read(path, section.height_m, georeference_of(instance)))
+    return Obstacles(
+        tuple(ring for part in parts for ring in part.rings),
+        np.concatenate([part.height_m for part in parts]),
+    )
 
 
 def _read(path: Path, height_m: float, georeference: Georeference) -> Obstacles:

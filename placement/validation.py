@@ -84,6 +84,11 @@ def validate(
     unknown plant, a road tighter than the vehicle can turn, a latency longer than the drive, or
     cameras that never see the car.
     """
+    if not all(journey.drivable for journey in scene.journeys):
+        raise ValueError(
+            "validate needs drives over the network: nobody drives all streets in a row; "
+            "give the instance a [traffic] table"
+        )
     found = [
         _drive_journey(
             scene,

@@ -35,8 +35,10 @@ from placement.referee.values import (
     lateral_variance,
     rebuild,
     sights_of,
+    standing,
     whole_value,
 )
+from placement.roadway import STREETS
 from placement.solution import OPTIMAL_GAP, Status
 
 # Stored information is float32 (6e-8 relative an entry), and the referee's derivatives are
@@ -262,7 +264,7 @@ def _drive_checks(
     table: list[dict[str, str]], scene: Scene, sights: Sequence[Sight]
 ) -> list[Check]:
     checks, t = [], len(scene.xy)
-    P = filtered(scene, sights).covariance
+    P = standing(scene, sights) if scene.name == STREETS else filtered(scene, sights).covariance
     seeing = np.sum([sight.seen for sight in sights], axis=0) if sights else np.zeros(t)
     columns: dict[str, tuple[FloatArray, float]] = {
         "s_m": (scene.track.s_m, 1e-6),

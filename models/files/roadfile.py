@@ -35,8 +35,13 @@ def is_network_file(path: str | Path) -> bool:
     return str(path).lower().endswith(tuple(suffix for suffix, _ in READERS))
 
 
-def read_road_file(path: str | Path) -> RoadNetwork:
+def read_road_file(
+    path: str | Path, *, width_m: float | None = None, beside: bool = True
+) -> RoadNetwork:
     """Read a network from `path`, by its suffix; a CSV is a network of one road.
+
+    `width_m` is that of GeoJSON lines and CSV rows which do not say how wide they are.
+    With `beside`, the polygons that lie beside a SUMO network are read, too.
 
     Raises:
         ValueError: one line that names the file: an unknown suffix, or what its reader refuses.
@@ -45,9 +50,14 @@ def read_road_file(path: str | Path) -> RoadNetwork:
     name = path.name.lower()
     for suffix, read in READERS:
         if name.endswith(suffix):
+            if read is read_sumo and not beside:
+                return read_sumo(path, beside=False)
+            if read is read_geojson and width_m is not None:
+                return read_geojson(path, width_m=width_m)
             return read(path)
     if name.endswith(".csv"):
-        return network_of_road(read_centreline(path), path.stem)
+        half = 1.5 if width_m is None else 0.5 * width_m
+        return network_of_road(read_centreline(path, half_width_m=half), path.stem)
     raise ValueError(f"{path}: a road file must be one of {', '.join(SUFFIXES)}, by its name")
 
 

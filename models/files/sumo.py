@@ -46,8 +46,10 @@ def read_sumo(
     *,
     buildings: str | Path | None = None,
     building_height_m: float = BUILDING_HEIGHT_M,
+    beside: bool = True,
 ) -> RoadNetwork:
-    """Read a network; `buildings` is its polygons' file, by default `NAME.poly.xml[.gz]` beside it.
+    """Read a network; `buildings` is its polygons' file, by default `NAME.poly.xml[.gz]` beside it
+    (unless `beside` is false).
 
     Edges are the carriageways that passenger cars may use; a lane follows its `shape`, corners
     rounded (`models.polyline`). A turn follows the internal lanes of its junction. The frame is
@@ -70,10 +72,12 @@ def read_sumo(
     if not found.edges:
         more = f" (left out: {_listed(found.ignored)})" if found.ignored else ""
         raise ValueError(f"{path}: must hold at least one edge that passenger cars may use{more}")
-    beside = _beside(path) if buildings is None else Path(buildings)
+    polygons = None if buildings is None else Path(buildings)
+    if polygons is None and beside:
+        polygons = polygons_beside(path)
     obstacles = Obstacles()
-    if beside is not None:
-        obstacles = read_sumo_polygons(beside, building_height_m, found.ignored)
+    if polygons is not None:
+        obstacles = read_sumo_polygons(polygons, building_height_m, found.ignored)
     return RoadNetwork(
         edges=tuple(found.edges),
         turns=tuple(_turns(found)),
@@ -239,7 +243,7 @@ def _nodes(found: _Found) -> dict[str, tuple[float, float]]:
     return nodes
 
 
-def _beside(path: Path) -> Path | None:
+def polygons_beside(path: Path) -> Path | None:
     """Find the polygons' file of a network by its name."""
     stem = path.name.removesuffix(".gz").removesuffix(".xml").removesuffix(".net")
     for suffix in (".poly.xml", ".poly.xml.gz"):

@@ -25,20 +25,12 @@ def _given(value: object) -> bool:
     return bool(value)
 
 
-def _ends(*suffixes: str) -> Callable[[object], bool]:
-    return lambda value: isinstance(value, str) and value.lower().endswith(suffixes)
-
-
 def _is(word: str) -> Callable[[object], bool]:
     return lambda value: value == word
 
 
 LATER = (
     Later("road.construct", _given, "give road.pieces or road.file"),
-    Later("road.file", _ends(".xodr"), "give a .csv centre line"),
-    Later("road.file", _ends(".net.xml", ".net.xml.gz"), "give a .csv centre line"),
-    Later("road.file", _ends(".osm", ".osm.pbf", ".pbf"), "give a .csv centre line"),
-    Later("road.file", _ends(".geojson", ".json"), "give a .csv centre line"),
     Later("objective.kind", _is("tolerance"), 'use "localisation"'),
     Later("objective.kind", _is("kalman_gain"), 'use "localisation"'),
     Later("budget.failures", _given, "leave it out: no camera fails"),

@@ -33,11 +33,13 @@ from placement.instance.schema import (
 )
 
 ENTRY_POINT_GROUP = "placement.instances"
+BUILDINGS = "road.buildings"  # of `Instance.files`: polygons beside a SUMO network
 FILE_KEYS = (
     ("road", "file"),
     ("mounts", "file"),
     ("camera", "catalogue"),
     ("obstacles", "file"),
+    ("traffic", "demand"),
 )
 
 
@@ -124,6 +126,8 @@ class Instance:
             if path is not None:
                 digest = hashlib.sha256(path.read_bytes()).hexdigest()
                 content[section][key] = {"suffix": path.suffix, "sha256": digest}
+        if BUILDINGS in self.files:
+            content[BUILDINGS] = hashlib.sha256(self.files[BUILDINGS].read_bytes()).hexdigest()
         text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(text.encode()).hexdigest()
 
@@ -212,4 +216,13 @@ def _one_line(error: Exception) -> str:
 
 def _files(document: Document, folder: Path) -> dict[str, Path]:
     named = {f"{s}.{k}": getattr(getattr(document, s), k) for s, k in FILE_KEYS}
-    return {key: folder / value for key, value in named.items() if value is not None}
+    files = {key: folder / value for key, value in named.items() if value is not None}
+    road = files.get("road.file")
+    if road is not None and road.name.endswith((".net.xml", ".net.xml.gz")):
+        # What lies beside a SUMO network belongs to it, unless the instance names other buildings.
+        stem = road.name.removesuffix(".gz").removesuffix(".net.xml")
+        beside = [road.parent / f"{stem}.poly.xml{more}" for more in ("", ".gz")]
+        if "obstacles.file" not in files:
+            found = [path for path in beside if path.is_file()]
+            files |= {BUILDINGS: found[0]} if found else {}
+    return files

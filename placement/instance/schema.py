@@ -291,6 +291,18 @@ class ObjectiveSection(Section):
     drives: Drives | None = None
 
 
+class TrafficSection(Section):
+    """Who drives over a network: `drives` fastest routes between random places, or `demand`.
+
+    `demand` is CSV with the columns `from, to[, trips]`, names of edges or of nodes; of more than
+    `drives` rows, as many are drawn by their trips. `seed` draws.
+    """
+
+    drives: Annotated[int, interval(1, 100_000)] = 100
+    seed: Annotated[int, interval(0, 2**63 - 1)] = 0
+    demand: str | None = None
+
+
 class PoseSelector(Section):
     """Name poses by what is given: all poses of a mount, or those with this yaw, and so on."""
 
@@ -358,4 +370,5 @@ class Document(Section):
     obstacles: ObstaclesSection = Field(default_factory=ObstaclesSection)
     vehicle: VehicleSection = Field(default_factory=VehicleSection)
     objective: ObjectiveSection = Field(default_factory=ObjectiveSection)
+    traffic: TrafficSection = Field(default_factory=TrafficSection)
     budget: BudgetSection = Field(default_factory=BudgetSection)
