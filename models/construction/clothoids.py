@@ -118,7 +118,5 @@ def _bend(bend: Bend, turn: float, side: float) -> tuple[list[Piece], float]:
 
 
 def _end(length: float, curvature: float) -> tuple[float, float]:
-    x, y = clothoid_displacement(
-        np.array([length]), np.zeros(1), np.array([curvature / length])
-    )
+    x, y = clothoid_displacement(np.array([length]), np.zeros(1), np.array([curvature / length]))
     return float(x[0]), float(y[0])

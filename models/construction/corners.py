@@ -1,35 +1,49 @@
-"""Roads of lines and arcs: a way through the lattice, pulled tight.
+"""Roads of lines and arcs: given which corners they go round and how, pulled tight.
 
 With its corners and sides given, the length of a road is least where every circle that may turn
 about its corner has done so until the pulls of its two lines balance: the circle's centre moves
 against u_in − u_out, the gradient of the length with respect to it (u the directions of travel).
+Where that road is blocked, a corner more may help, or a search over the angles.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from models.construction.homotopy import Word, crossing_word
 from models.construction.kernels import STRAIGHT, distance_of_pieces, leg
-from models.construction.lattice import Lattice
+from models.construction.lattice import Lattice, polyline
 from models.geometry import FloatArray
 
 _ROUNDS = 60
 _STILL_RAD = 1e-10
 _LIMIT_RAD = 1.05 * math.pi  # a circle that turns more has lost its grip
+_MOST_CORNERS_MORE = 12
+_STEPS_RAD = tuple(math.radians(10.0) * 0.4**n for n in range(12))  # down to 0.0004°
+_MOST_TRIES = 1500
+
+Touch = tuple[int, float]  # a corner of the site, and the side (1 left, −1 right) it is rounded
 
 
 @dataclass(frozen=True, slots=True)
 class Belt:
-    """Hold nodes (m, 5) and the kinds of the legs between them, as `kernels` has them."""
+    """Hold nodes (m, 5) and the kinds of the legs between them, as `kernels` has them.
+
+    `corner` and `angle` (m,): what corner of the site each node goes round, touching where; −1 for
+    those that cannot turn. `word`: the class that the belt must not leave.
+    """
 
     lattice: Lattice
-    rows: tuple[int, ...]  # of the lattice's nodes, before they were turned
     nodes: FloatArray
+    corner: tuple[int, ...]
+    angle: FloatArray
     kinds: tuple[int, ...]
+    word: Word
 
     def legs(self) -> list[FloatArray] | None:
         """Return each leg's pieces (3, 2); None if one does not exist."""
@@ -47,112 +61,214 @@ class Belt:
 
     def pieces(self) -> list[tuple[float, float]]:
         """Return (length, curvature) of every line and arc in order."""
-        return [(float(l), float(k)) for pieces in self.legs() or [] for l, k in pieces]
+        return [(float(size), float(k)) for pieces in self.legs() or [] for size, k in pieces]
+
+    def touches(self) -> list[Touch]:
+        """Return the corners gone round, in order, each once."""
+        found = [
+            (corner, float(node[3]))
+            for corner, node in zip(self.corner, self.nodes, strict=True)
+            if corner >= 0
+        ]
+        return [touch for n, touch in enumerate(found) if n == 0 or touch != found[n - 1]]
+
+    def turned(self, angles: FloatArray) -> Belt:
+        """Return the belt with its circles turned to `angles` (m,)."""
+        nodes = self.nodes.copy()
+        for n, corner in enumerate(self.corner):
+            if corner >= 0:
+                side = float(nodes[n, 3])
+                nodes[n] = self.lattice.round_corner(corner, float(angles[n]), side)
+        return replace(self, nodes=nodes, angle=angles)
 
     def clear(self) -> bool:
-        """Return whether all legs exist, hold their bends, turn little, and keep their distance."""
+        """Return whether legs exist, hold their bends, turn little, keep their distance and class.
+
+        A corner's circle may turn by half a circle and a little, all in all.
+        """
         legs = self.legs()
         if legs is None:
             return False
-        lattice, ends = self.lattice, (0, len(self.nodes) - 1)
+        lattice, last = self.lattice, len(self.nodes) - 1
+        for n in range(1, last):
+            turn = (legs[n - 1][2, 0] + legs[n][0, 0]) / self.nodes[n, 4]
+            if turn > _LIMIT_RAD:
+                return False
         for n, pieces in enumerate(legs):
-            i, j = self.rows[n], self.rows[n + 1]
-            for row, place, turned in ((i, n, pieces[0]), (j, n + 1, pieces[2])):
-                if place not in ends and turned[0] > _LIMIT_RAD * lattice.nodes[row, 4]:
-                    return False
-            need = lattice.slack[i] + lattice.slack[j]
+            need = self._lead(n) + self._lead(n + 1)
             if self.kinds[n] == STRAIGHT and pieces[:, 0].any() and pieces[1, 0] < need - 1e-9:
                 return False
-            keep = lattice.site.keep_m if n in (0, len(legs) - 1) else lattice.keep_m
+            keep = lattice.site.keep_m if n in (0, last - 1) else lattice.keep_m
             x, y, heading = (float(value) for value in self.nodes[n, :3])
             edges = lattice.site.edges_m
             if distance_of_pieces(x, y, heading, pieces, edges, keep, keep - 2e-9) < keep - 2e-9:
                 return False
-        return True
+        return crossing_word(self.path(legs), lattice.site.marks_m) == self.word
+
+    def path(self, legs: list[FloatArray]) -> FloatArray:
+        """Return points (m, 2) along the belt, at most 5° apart on arcs."""
+        x, y, heading = (float(value) for value in self.nodes[0, :3])
+        return polyline(x, y, heading, np.concatenate(legs))
+
+    def _lead(self, n: int) -> float:
+        bend = self.lattice.at_corners if self.corner[n] >= 0 else self.lattice.at_ends
+        return bend.lead_m
 
 
-def tighten(lattice: Lattice, rows: Sequence[int], kinds: Sequence[int]) -> Belt:
-    """Return the shortest clear belt found by turning the circles of a way through the lattice.
+def belt_of_rows(lattice: Lattice, rows: Sequence[int], kinds: Sequence[int], word: Word) -> Belt:
+    """Return the belt of a way through the lattice's nodes `rows`."""
+    at = list(rows)
+    corner = tuple(int(c) for c in lattice.corner[at])
+    return Belt(lattice, lattice.nodes[at], corner, lattice.angle[at].copy(), tuple(kinds), word)
 
-    The way's own belt is clear, so there always is one. Where the tightest is blocked, the nearest
-    to it on the way there that is clear.
+
+def tighten(belt: Belt) -> Belt:
+    """Return the shortest clear belt found by turning the circles of a clear one."""
+    if all(corner < 0 for corner in belt.corner):
+        return belt
+    tight = _balanced(belt)
+    if tight.length_m < belt.length_m and tight.clear():
+        return tight
+    more = pull(belt.lattice, belt.touches(), belt.word)
+    best = belt if more is None or more.length_m > belt.length_m else more
+    return _searched(best)
+
+
+def pull(lattice: Lattice, touches: Sequence[Touch], word: Word) -> Belt | None:
+    """Return the tight belt round corners, with more or fewer of them where that clears its way.
+
+    None if no such belt of the class `word` is clear. Tries both sides at both ends.
     """
-    rows = tuple(rows)
-    best = Belt(lattice, rows, lattice.nodes[list(rows)], tuple(kinds))
-    angles = lattice.angle[list(rows)].copy()
-    free = _free_corners(best)
-    if not free:
-        return best
-    tight = _balanced(best, angles, free)
-    for _ in range(3):
-        gained = False
-        for share in (1.0, 0.8, 0.6, 0.4, 0.25, 0.12, 0.05):
-            tried = angles + share * _turned(tight - angles)
-            belt = _with_angles(best, tried, free)
-            if belt.length_m < best.length_m - 1e-9 and belt.clear():
-                best, angles, gained = belt, tried, True
-                break
-        if not gained or share == 1.0:
-            break
-    return _one_by_one(best, angles, tight, free) if share != 1.0 else best
+    found = []
+    last = len(lattice.nodes) - 2
+    for start, goal in itertools.product((0, 1), (last, last + 1)):
+        belt = _pulled(lattice, list(touches), start, goal, word)
+        if belt is not None:
+            found.append(belt)
+    return min(found, key=lambda belt: belt.length_m, default=None)
 
 
-def _one_by_one(best: Belt, angles: FloatArray, tight: FloatArray, free: list[int]) -> Belt:
-    """Turn the circles of a blocked belt singly, each as far as it goes."""
-    for step in (1.0, 0.5, 0.2, 0.05):
-        for n in free:
-            tried = angles.copy()
-            tried[n] += step * float(_turned(tight - angles)[n])
-            belt = _with_angles(best, tried, free)
-            if belt.length_m < best.length_m - 1e-9 and belt.clear():
-                best, angles = belt, tried
-    return best
-
-
-def _free_corners(belt: Belt) -> list[int]:
-    """Return the places of nodes that go round a corner between two straight legs."""
-    return [
-        n
-        for n in range(1, len(belt.rows) - 1)
-        if belt.lattice.corner[belt.rows[n]] >= 0
-        and belt.kinds[n - 1] == STRAIGHT
-        and belt.kinds[n] == STRAIGHT
-    ]
-
-
-def _balanced(belt: Belt, angles: FloatArray, free: list[int]) -> FloatArray:
-    """Turn every free circle until the pulls balance; return the angles."""
-    angles = angles.copy()
-    for _ in range(_ROUNDS):
-        legs = _with_angles(belt, angles, free).legs()
+def _pulled(
+    lattice: Lattice, touches: list[Touch], start: int, goal: int, word: Word
+) -> Belt | None:
+    for _ in range(_MOST_CORNERS_MORE):
+        belt = _balanced(_laid(lattice, touches, start, goal, word))
+        legs = belt.legs()
         if legs is None:
-            return angles
-        nodes = _with_angles(belt, angles, free).nodes
-        most = 0.0
+            return None
+        slack = [
+            n
+            for n in range(1, len(belt.nodes) - 1)
+            if legs[n - 1][2, 0] + legs[n][0, 0] > _LIMIT_RAD * belt.nodes[n, 4]
+        ]
+        if slack:  # it would have to push: go without
+            del touches[slack[0] - 1]
+            continue
+        if belt.clear():
+            return belt
+        place = _blocking(belt, legs, touches)
+        if place is None:
+            return None
+        touches.insert(*place)
+    return None
+
+
+def _laid(lattice: Lattice, touches: list[Touch], start: int, goal: int, word: Word) -> Belt:
+    """Lay a belt round corners, each touched on the outside of the bend of the chain of corners."""
+    site = lattice.site
+    ends = lattice.nodes[[start, goal], :2]
+    chain = np.vstack((ends[:1], site.corner_m[[c for c, _ in touches]].reshape(-1, 2), ends[1:]))
+    steps = np.diff(chain, axis=0)
+    steps /= np.maximum(np.hypot(*steps.T), 1e-12)[:, None]
+    nodes, angles = [lattice.nodes[start]], [0.0]
+    for n, (corner, side) in enumerate(touches):
+        along = steps[n] + steps[n + 1]
+        angle = math.atan2(along[1], along[0]) - side * 0.5 * math.pi
+        nodes.append(lattice.round_corner(corner, angle, side))
+        angles.append(angle)
+    nodes.append(lattice.nodes[goal])
+    return Belt(
+        lattice,
+        np.array(nodes),
+        (-1, *(c for c, _ in touches), -1),
+        np.array([*angles, 0.0]),
+        (STRAIGHT,) * (len(touches) + 1),
+        word,
+    )
+
+
+def _balanced(belt: Belt) -> Belt:
+    """Turn every circle between two lines until the pulls balance."""
+    free = [
+        n
+        for n, corner in enumerate(belt.corner)
+        if corner >= 0 and belt.kinds[n - 1] == STRAIGHT == belt.kinds[n]
+    ]
+    for _ in range(_ROUNDS if free else 0):
+        legs = belt.legs()
+        if legs is None:
+            return belt
+        angles, most = belt.angle.copy(), 0.0
         for n in free:
-            before = nodes[n, 2] - legs[n - 1][2].prod()  # headings on the lines in and out
-            after = nodes[n, 2] + legs[n][0].prod()
+            before = belt.nodes[n, 2] - legs[n - 1][2].prod()  # headings on the lines in and out
+            after = belt.nodes[n, 2] + legs[n][0].prod()
             pull_x = math.cos(before) - math.cos(after)
             pull_y = math.sin(before) - math.sin(after)
-            if math.hypot(pull_x, pull_y) < 1e-9:
-                continue
-            wanted = math.atan2(pull_y, pull_x)
+            if math.hypot(pull_x, pull_y) < 1e-7:  # no bend: touch where the line does
+                side = float(belt.nodes[n, 3])
+                wanted = before - side * 0.5 * math.pi
+            else:
+                wanted = math.atan2(pull_y, pull_x)
             change = math.remainder(wanted - angles[n], math.tau)
             angles[n] += change
             most = max(most, abs(change))
+        belt = belt.turned(angles)
         if most < _STILL_RAD:
             break
-    return angles
+    return belt
 
 
-def _with_angles(belt: Belt, angles: FloatArray, free: list[int]) -> Belt:
-    nodes = belt.nodes.copy()
-    for n in free:
-        corner = int(belt.lattice.corner[belt.rows[n]])
-        nodes[n] = belt.lattice.round_corner(corner, float(angles[n]), float(nodes[n, 3]))
-    return Belt(belt.lattice, belt.rows, nodes, belt.kinds)
+def _blocking(belt: Belt, legs: list[FloatArray], touches: list[Touch]) -> tuple[int, Touch] | None:
+    """Return the corner that a belt passes most too near, its side, and between which touches."""
+    site = belt.lattice.site
+    found: tuple[float, int, Touch] | None = None
+    for n, pieces in enumerate(legs):
+        x, y, heading = (float(value) for value in belt.nodes[n, :3])
+        path = polyline(x, y, heading, pieces)
+        for a, b in itertools.pairwise(path):
+            step = b - a
+            size = float(np.hypot(*step))
+            if size < 1e-9:
+                continue
+            off = site.corner_m - a
+            share = np.clip(off @ step / size**2, 0.0, 1.0)
+            gap = np.hypot(*(off - share[:, None] * step).T)
+            for corner in np.flatnonzero(gap < site.keep_m - 1e-6):
+                left = step[0] * off[corner, 1] - step[1] * off[corner, 0] > 0.0
+                touch = (int(corner), 1.0 if left else -1.0)
+                known = touch in touches[max(0, n - 1) : n + 1]
+                if not known and (found is None or gap[corner] < found[0]):
+                    found = (float(gap[corner]), n, touch)
+    return None if found is None else found[1:]
 
 
-def _turned(change: FloatArray) -> FloatArray:
-    turned: FloatArray = (change + math.pi) % math.tau - math.pi
-    return turned
+def _searched(belt: Belt) -> Belt:
+    """Turn a clear belt's circles in ever smaller steps, singly and in pairs, while it helps."""
+    free = [n for n, corner in enumerate(belt.corner) if corner >= 0]
+    moves = [{n: 1.0} for n in free]
+    moves += [{n: 1.0, m: s} for n, m in itertools.pairwise(free) for s in (1.0, -1.0)]
+    length, tries = belt.length_m, 0
+    for step in _STEPS_RAD:
+        gained = True
+        while gained and tries < _MOST_TRIES:
+            gained = False
+            for move, way in itertools.product(moves, (1.0, -1.0)):
+                angles = belt.angle.copy()
+                for n, share in move.items():
+                    angles[n] += way * share * step
+                tried = belt.turned(angles)
+                tries += 1
+                shorter = tried.length_m
+                if shorter < length - 1e-9 and tried.clear():
+                    belt, length, gained = tried, shorter, True
+    return belt

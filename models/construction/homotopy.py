@@ -3,8 +3,8 @@
 From a mark inside every group of obstacles a ray runs north. A way spells a word: +n where it
 crosses ray n eastwards, −n westwards (n from 1), adjacent opposites struck out. Two ways between
 the same points can be pulled into each other without touching a mark exactly if their reduced
-words are equal: the words are the free group of the plane without the marks (Bhattacharya, Likhachev
-& Kumar 2012 search graphs in the same way).
+words are equal: the words are the free group of the plane without the marks (Bhattacharya,
+Likhachev & Kumar 2012 search graphs in the same way).
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def reduced(word: Word, more: Word = ()) -> Word:
 
 
 def spelled(word: Word) -> str:
-    """Write a word for a table: `N1 S2` crosses ray 1 eastwards, ray 2 westwards; `direct`."""
+    """Write a word for a table: `E1 W2` crosses ray 1 eastwards, then ray 2 westwards; else `direct`."""
     return " ".join(f"{'E' if letter > 0 else 'W'}{abs(letter)}" for letter in word) or "direct"
 
 

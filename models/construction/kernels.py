@@ -1,8 +1,8 @@
 """Compiled geometry of roads in the making: legs between circles, distances from obstacles.
 
 A *node* is a row x, y, heading, side, radius: a pose on a circle that turns left (side 1) or right
-(side −1). A *leg* joins two nodes: along the first one's circle, straight or round a circle between,
-and along the second one's circle.
+(side −1). A *leg* joins two nodes: along the first one's circle, straight or round a circle
+between, and along the second one's circle.
 """
 
 from __future__ import annotations
@@ -138,9 +138,7 @@ def distance_of_pieces(
 
 
 @numba.njit(cache=True)
-def point_to_segment(
-    x: float, y: float, px: float, py: float, qx: float, qy: float
-) -> float:
+def point_to_segment(x: float, y: float, px: float, py: float, qx: float, qy: float) -> float:
     """Return the distance of a point from a segment."""
     dx, dy = qx - px, qy - py
     square = dx * dx + dy * dy
@@ -177,9 +175,7 @@ def _arc_to_segment(
     radius, side = 1.0 / abs(curvature), 1.0 if curvature > 0.0 else -1.0
     cx, cy = x - side * radius * math.sin(heading), y + side * radius * math.cos(heading)
     first, sweep = math.atan2(y - cy, x - cx), abs(curvature) * length
-    least = min(
-        point_to_segment(x, y, px, py, qx, qy), point_to_segment(x1, y1, px, py, qx, qy)
-    )
+    least = min(point_to_segment(x, y, px, py, qx, qy), point_to_segment(x1, y1, px, py, qx, qy))
     for tx, ty in ((px, py), (qx, qy)):
         if _in_sweep(tx - cx, ty - cy, first, side, sweep):
             least = min(least, abs(math.hypot(tx - cx, ty - cy) - radius))
@@ -264,7 +260,12 @@ def legs_from(
 
 @numba.njit(cache=True)
 def seen_from(
-    i: int, points: FloatArray, before: FloatArray, after: FloatArray, edges: FloatArray, keep: float
+    i: int,
+    points: FloatArray,
+    before: FloatArray,
+    after: FloatArray,
+    edges: FloatArray,
+    keep: float,
 ) -> FloatArray:
     """Return the distances (n,) from point i to those it sees at `keep` from all edges, else inf.
 

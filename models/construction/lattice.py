@@ -91,7 +91,9 @@ class Lattice:
             return ()
         pieces = leg(self.nodes[i], self.nodes[j], kind, self.at_ends.radius_m)
         x, y, heading = (float(value) for value in self.nodes[i, :3])
-        return crossing_word(polyline(x, y, heading, pieces), self.site.marks_m)
+        path = polyline(x, y, heading, pieces)
+        path[-1] = self.nodes[j, :2]  # to the bit, so that the next leg starts where this one ends
+        return crossing_word(path, self.site.marks_m)
 
 
 def polyline(x: float, y: float, heading: float, pieces: FloatArray) -> FloatArray:
@@ -105,9 +107,7 @@ def polyline(x: float, y: float, heading: float, pieces: FloatArray) -> FloatArr
     return np.array(points)
 
 
-def make_lattice(
-    site: Site, radius_m: float, clothoid_m: float, corners: IntArray
-) -> Lattice:
+def make_lattice(site: Site, radius_m: float, clothoid_m: float, corners: IntArray) -> Lattice:
     """Lay out the nodes for bends of `radius_m` round some of the site's corners."""
     at_ends = Bend(radius_m, clothoid_m)
     at_corners = Bend(max(radius_m, site.keep_m), clothoid_m)

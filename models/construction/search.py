@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Callable
@@ -11,9 +12,9 @@ import numpy as np
 import shapely
 
 from models.construction.clothoids import join_pieces, with_clothoids
-from models.construction.corners import Belt, tighten
+from models.construction.corners import Belt, Touch, belt_of_rows, pull, tighten
 from models.construction.homotopy import Way, Word, crossing_word, ways_by_class
-from models.construction.lattice import make_lattice
+from models.construction.lattice import Lattice, make_lattice
 from models.construction.reasons import why_none
 from models.construction.site import Site
 from models.construction.visibility import Visibility, see
@@ -21,7 +22,9 @@ from models.geometry import IntArray
 from models.roads import Piece, Road, road_from_pieces
 
 ARCS, CLOTHOIDS = "arcs", "clothoids"
-_MOST_CORNERS = 64  # that a lattice is laid round; those nearest to the ways of the visibility graph
+_MOST_CORNERS = (
+    64  # that a lattice is laid round; those nearest to the ways of the visibility graph
+)
 _SAME_M = 1e-3
 _STEP_M = 0.1
 # What checks allow for rounding in pieces added up, and for the chords of a sampled clothoid.
@@ -102,20 +105,21 @@ def build_roads(
         late = time.monotonic() > deadline
         return Construction((), why_none(site, min_radius_m, width_m, late), not late, ())
     complete = visibility.complete
-    roads: list[BuiltRoad] = []
-    cases = [(factor * min_radius_m, kind) for factor in radius_factors for kind in kinds]
-    for n, (radius, kind) in enumerate(cases):
-        progress(f"bending roads of radius {radius:g} m, {kind}", n / len(cases))
+    cases: list[_Case] = []
+    wanted = [(factor * min_radius_m, kind) for factor in radius_factors for kind in kinds]
+    for n, (radius, kind) in enumerate(wanted):
+        progress(f"bending roads of radius {radius:g} m, {kind}", n / len(wanted))
         # the rest of the time in equal parts: a late case must not starve
-        until = time.monotonic() + max(0.0, deadline - time.monotonic()) / (len(cases) - n)
+        until = time.monotonic() + max(0.0, deadline - time.monotonic()) / (len(wanted) - n)
         clothoid = 0.0 if kind == ARCS else clothoid_m or 0.25 * radius
-        found, done = _bent(
-            site, visibility, ways, radius, clothoid, width_m, length_factor, most_classes,
-            per_class, until,
-        )  # fmt: skip
-        complete &= done
-        roads += found
-    roads.sort(key=lambda road: road.length_m)
+        lattice = make_lattice(site, radius, clothoid, _corners(site, visibility, ways))
+        case = _Case(lattice, [])
+        complete &= case.search(ways[0].length_m, length_factor, most_classes, per_class, until)
+        cases.append(case)
+    _exchange(cases, visibility, ways, deadline)
+    complete &= time.monotonic() <= deadline
+    found = [case.roads(width_m, length_factor, most_classes, per_class) for case in cases]
+    roads = sorted((road for part in found for road in part), key=lambda road: road.length_m)
     reason = "" if roads else why_none(site, min_radius_m, width_m, not complete)
     return Construction(tuple(roads), reason, complete, tuple(ways))
 
@@ -137,53 +141,91 @@ def _check(
         )
 
 
-def _bent(
-    site: Site,
-    visibility: Visibility,
-    ways: list[Way],
-    radius: float,
-    clothoid: float,
-    width_m: float,
-    length_factor: float,
-    most_classes: int,
-    per_class: int,
-    deadline: float,
-) -> tuple[list[BuiltRoad], bool]:
-    """Return the roads of one radius and kind, and whether there was time for all."""
-    lattice = make_lattice(site, radius, clothoid, _corners(site, visibility, ways))
-    longest = length_factor * (ways[0].length_m + 4.0 * math.pi * radius)
-    graph, complete = lattice.legs(longest, deadline)
-    n = len(lattice.nodes)
-    words: dict[tuple[int, int], Word] = {}
+@dataclass(frozen=True, slots=True)
+class _Case:
+    """Hold one radius and kind of bend, and the belts found for it."""
 
-    def word_of(i: int, j: int) -> Word:
-        if (i, j) not in words:
-            words[i, j] = lattice.word_of_leg(i, j, graph[i][j]["kind"]) if max(i, j) < n else ()
-        return words[i, j]
+    lattice: Lattice
+    belts: list[Belt]
 
-    roads: list[BuiltRoad] = []
-    shortest = math.inf
-    for way in ways_by_class(
-        graph,
-        n,
-        n + 1,
-        word_of,
-        length_factor=length_factor,
-        most_classes=most_classes,
-        per_class=per_class,
-        deadline=deadline,
-    ):
-        rows = way.nodes[1:-1]
-        kinds = [graph[i][j]["kind"] for i, j in zip(rows[:-1], rows[1:], strict=True)]
-        belt = tighten(lattice, rows, kinds)
-        road = _road(site, belt, way.word, radius, clothoid, width_m)
-        if road is not None and not _known(road, roads):
-            roads.append(road)
-            shortest = min(shortest, road.length_m)
-    return (
-        [road for road in roads if road.length_m <= length_factor * shortest],
-        complete and time.monotonic() <= deadline,
-    )
+    def search(
+        self,
+        shortest_m: float,
+        length_factor: float,
+        most_classes: int,
+        per_class: int,
+        deadline: float,
+    ) -> bool:
+        """Find belts through the lattice; return whether there was time for all."""
+        lattice, n = self.lattice, len(self.lattice.nodes)
+        reach = length_factor * (shortest_m + 4.0 * math.pi * lattice.at_ends.radius_m)
+        graph, complete = lattice.legs(reach, deadline)
+        words: dict[tuple[int, int], Word] = {}
+
+        def word_of(i: int, j: int) -> Word:
+            if max(i, j) >= n:
+                return ()
+            if (i, j) not in words:
+                words[i, j] = lattice.word_of_leg(i, j, graph[i][j]["kind"])
+            return words[i, j]
+
+        for way in ways_by_class(
+            graph,
+            n,
+            n + 1,
+            word_of,
+            length_factor=length_factor,
+            most_classes=most_classes,
+            per_class=per_class,
+            deadline=deadline,
+        ):
+            rows = way.nodes[1:-1]
+            kinds = [graph[i][j]["kind"] for i, j in itertools.pairwise(rows)]
+            self.belts.append(tighten(belt_of_rows(lattice, rows, kinds, way.word)))
+        return complete and time.monotonic() <= deadline
+
+    def roads(
+        self, width_m: float, length_factor: float, most_classes: int, per_class: int
+    ) -> list[BuiltRoad]:
+        """Return the belts as checked roads, the shortest of each class."""
+        roads: list[BuiltRoad] = []
+        for belt in sorted(self.belts, key=lambda belt: belt.length_m):
+            if sum(road.word == belt.word for road in roads) < per_class:
+                road = _road(belt, width_m)
+                if road is not None and not _known(road, roads):
+                    roads.append(road)
+        longest = length_factor * min((road.length_m for road in roads), default=0.0)
+        return [road for road in roads if road.length_m <= longest][: most_classes * per_class]
+
+
+def _exchange(cases: list[_Case], visibility: Visibility, ways: list[Way], deadline: float) -> None:
+    """Pull every case tight round the corners of the visibility graph's ways and of all belts."""
+    hints: dict[tuple[Word, tuple[Touch, ...]], None] = {}
+    for way in ways:
+        hints[way.word, tuple(_touches(visibility, way))] = None
+    for case in cases:
+        for belt in case.belts:
+            hints[belt.word, tuple(belt.touches())] = None
+    for word, touches in hints:
+        for case in cases:
+            if time.monotonic() > deadline:
+                return
+            belt = pull(case.lattice, touches, word)
+            if belt is not None:
+                case.belts.append(belt)
+
+
+def _touches(visibility: Visibility, way: Way) -> list[Touch]:
+    """Return the corners that a way of the visibility graph goes round, and on which side."""
+    points = visibility.points_m[list(way.nodes)]
+    steps = np.diff(points, axis=0)
+    turns = steps[:-1, 0] * steps[1:, 1] - steps[:-1, 1] * steps[1:, 0]
+    found: list[Touch] = []
+    for node, turn in zip(way.nodes[1:-1], turns, strict=True):
+        touch = (int(visibility.corner[node]), 1.0 if turn > 0.0 else -1.0)
+        if not found or found[-1] != touch:
+            found.append(touch)
+    return found
 
 
 def _corners(site: Site, visibility: Visibility, ways: list[Way]) -> IntArray:
@@ -197,11 +239,10 @@ def _corners(site: Site, visibility: Visibility, ways: list[Way]) -> IntArray:
     return np.sort(np.argsort(distance, kind="stable")[:_MOST_CORNERS])
 
 
-def _road(
-    site: Site, belt: Belt, word: Word, radius: float, clothoid: float, width_m: float
-) -> BuiltRoad | None:
+def _road(belt: Belt, width_m: float) -> BuiltRoad | None:
     """Turn a belt into a road, and check it; None if a check fails."""
-    lattice = belt.lattice
+    lattice, site = belt.lattice, belt.lattice.site
+    radius, clothoid = lattice.at_ends.radius_m, lattice.at_ends.clothoid_m
     lead = lattice.at_ends.lead_m
     joined = join_pieces([(lead, 0.0), *belt.pieces(), (lead, 0.0)])
     pieces: tuple[Piece, ...] | None = tuple(Piece(length, k, k) for length, k in joined)
@@ -226,13 +267,13 @@ def _road(
         and road.min_radius_m >= radius * (1.0 - 1e-9)
         and kept >= site.keep_m - _STEP_M**2 / (4.0 * radius) - _SLIP_M
     )
-    if not good or crossing_word(points, site.marks_m) != word:
+    if not good or crossing_word(points, site.marks_m) != belt.word:
         return None
     return BuiltRoad(
         site=site,
         kind=CLOTHOIDS if clothoid else ARCS,
         pieces=pieces,
-        word=word,
+        word=belt.word,
         least_radius_m=radius,
         width_m=width_m,
         length_m=road.length_m,
@@ -244,6 +285,5 @@ def _road(
 
 def _known(road: BuiltRoad, roads: list[BuiltRoad]) -> bool:
     return any(
-        other.word == road.word and abs(other.length_m - road.length_m) < _SAME_M
-        for other in roads
+        other.word == road.word and abs(other.length_m - road.length_m) < _SAME_M for other in roads
     )

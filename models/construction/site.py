@@ -106,7 +106,9 @@ def _refuse_too_near(
     pose: Pose, polygons: Sequence[shapely.Polygon], keep_m: float, what: str, name: str
 ) -> None:
     point = shapely.Point(pose.x_m, pose.y_m)
-    distance = shapely.distance(np.array(polygons, dtype=object), point) if polygons else np.empty(0)
+    distance = (
+        shapely.distance(np.array(polygons, dtype=object), point) if polygons else np.empty(0)
+    )
     for n in np.flatnonzero(distance < keep_m - 1e-9):
         if distance[n] == 0.0:
             raise ValueError(
@@ -143,7 +145,10 @@ def _marks(polygons: Sequence[shapely.Polygon], keep_m: float) -> FloatArray:
     grown = shapely.union_all(shapely.buffer(np.array(polygons, dtype=object), 0.999 * keep_m))
     groups = shapely.get_parts(grown)
     tree = shapely.STRtree(groups)
-    inside = [polygon.representative_point() for polygon in polygons]
+    # off the middle of symmetric shapes, where ways like to touch: a ray through a way's node
+    # counts once, or not, as rounding has it
+    aside = 0.01 * keep_m
+    inside = [shapely.Point(p.x + aside, p.y) for p in map(shapely.point_on_surface, polygons)]
     point_of: dict[int, tuple[float, float]] = {}
     for n, group in tree.query(inside, predicate="within").T:
         point_of.setdefault(int(group), (inside[n].x, inside[n].y))

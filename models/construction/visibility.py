@@ -80,7 +80,9 @@ def see(site: Site, *, deadline: float = math.inf) -> Visibility:
     for stretch in (*_STRETCHES, math.inf) if len(points) > _MOST_POINTS else (math.inf,):
         inside = detour <= stretch * apart + 2.0 * site.keep_m
         inside[:2] = True
-        found = _graph(site, *(column[inside] for column in everything[:4]), everything[4], deadline)
+        found = _graph(
+            site, *(column[inside] for column in everything[:4]), everything[4], deadline
+        )
         if not found.complete or found.shortest_m <= stretch * apart:
             break
     return found
