@@ -1,0 +1,1 @@
+"""The fewest cameras within tolerance: construction along the road, and its lower bound."""
