@@ -29,6 +29,7 @@ from placement.objectives.final_entropy import FinalEntropy
 from placement.objectives.kalman_gain import kalman_gain
 from placement.objectives.localisation import Localisation
 from placement.objectives.navigation_chain import Drive
+from placement.objectives.tolerance import Tolerance
 from placement.objectives.trace import Trace
 from placement.obstacles import build_obstacles
 from placement.problem import Problem
@@ -92,7 +93,7 @@ def assemble(instance: Instance) -> Scene:
             f"({instance.errors.report_limit_m:g} m)"
         )
     problem = Problem(
-        build_objective(instance, journeys),
+        build_objective(instance, journeys, constraints.cost),
         constraints,
         arc_length_m=candidates.arc_length_m,
         path_length_m=road.length_m,
@@ -144,8 +145,18 @@ def build_odometry(vehicle: VehicleSection) -> OdometryNoise:
     )
 
 
-def build_objective(instance: Instance, journeys: Sequence[Journey]) -> Objective:
-    """Make the objective of `[objective]` over all `journeys`."""
+def build_objective(
+    instance: Instance, journeys: Sequence[Journey], cost: FloatArray | None = None
+) -> Objective:
+    """Make the objective of `[objective]` over all `journeys`; `cost` (c,) prices candidates."""
+    section, failures = instance.objective, instance.budget.failures
+    if section.kind == "tolerance":
+        return Tolerance(build_drives(instance, journeys), section.tolerance_m, failures, cost)
+    if failures:
+        raise ValueError(
+            f"budget.failures must be 0 unless objective.kind = tolerance, got {failures} with "
+            f"{section.kind}"
+        )
     return OBJECTIVES[instance.objective.kind](instance, journeys)
 
 

@@ -22,6 +22,7 @@ import pandas as pd
 
 from models.geometry import FloatArray
 from placement.bounds.linear import most_sum
+from placement.objectives.base import Demanding
 from placement.problem import Problem
 from placement.solution import OPTIMAL_GAP, Solution, Status
 from placement.solve import outwards, solve
@@ -85,6 +86,11 @@ def budget_curve(
     Raises:
         ValueError: as `solve` does, or if the constraints contradict one of the budgets.
     """
+    if isinstance(problem.objective, Demanding):
+        raise ValueError(
+            f"--budget A:B must be one number for objective.kind = {problem.objective.name}, whose "
+            "value is that number"
+        )
     tell = progress or (lambda _text, _fraction: None)
     deadline = time.monotonic() + time_limit_s
     budgets = range(first, last + 1)

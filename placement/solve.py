@@ -19,6 +19,7 @@ import numpy as np
 from models.geometry import IntArray
 from placement.constraints import Infeasible
 from placement.interrupts import asked_to_stop, stop_on_request
+from placement.objectives.base import Demanding
 from placement.problem import Problem, Run
 from placement.solution import OPTIMAL_GAP, Proposal, Solution, Status
 
@@ -122,6 +123,12 @@ METHODS: dict[str, Method] = {
     "diagram": Method(
         "placement.solvers.diagram:solve_diagram",
         "trace: relaxed decision diagram along the road, refined until the bound closes",
+        proves_bound=True,
+        keeps=_ALL,
+    ),
+    "tolerance": Method(
+        "placement.solvers.tolerance:solve_tolerance",
+        "tolerance: built along the road by a beam, proven by counting labels from below",
         proves_bound=True,
         keeps=_ALL,
     ),
@@ -252,6 +259,11 @@ def _judge(
     if not math.isfinite(value):
         stats["error"] = f"the value of the placement is {value}"
         return selected, value, None, Status.NUMERICAL_ERROR, stats
+    if isinstance(problem.objective, Demanding):
+        short = problem.objective.shortfall(_indices(selected))
+        if short is not None:
+            reason = f"nothing in tolerance was found: {short}"
+            return (), math.nan, None, Status.INFEASIBLE, {**stats, "reason": reason}
     sign = 1.0 if problem.objective.maximise else -1.0
     claims = [b for b in (proposal.score_bound, run.score_bound) if b is not None]
     score_bound = outwards(min(claims, default=None))

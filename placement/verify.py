@@ -26,6 +26,7 @@ from placement.referee.bounds import Knapsack, score_bound
 from placement.referee.checks import Check, is_number, near, none_of, same
 from placement.referee.rules import camera_checks, form_check, rule_checks
 from placement.referee.sight import Eye, Sight
+from placement.referee.tolerance import tolerance_value
 from placement.referee.values import (
     MAXIMISED,
     UNITS,
@@ -117,7 +118,11 @@ def verify_folder(
     )
     tell("looking through every camera", None)
     eyes = eyes_of(candidates, selected)
-    value = whole_value(scene, eyes)
+    if scene.instance.objective.kind == "tolerance":
+        value, more = tolerance_value(scene, eyes, selected, constraints)
+        checks += more
+    else:
+        value = whole_value(scene, eyes)
     checks.append(near("value", value, record.get("value"), VALUE_TOLERANCE * abs(value)))
     checks += _path_checks(folder, scene, eyes)
     checks += certificate_checks(record, value, scene.instance.objective.kind in MAXIMISED)
@@ -223,13 +228,17 @@ def _headings(stored: Stored, candidates: Candidates, constraints: Constraints) 
     return [
         same("instance", stored.instance.name, record.get("instance")),
         same("objective", kind, record.get("objective")),
-        same("unit", UNITS[kind], record.get("unit")),
+        same("unit", _unit(kind, constraints), record.get("unit")),
         same("budget", constraints.budget, record.get("budget")),
         same("candidates", len(candidates), record.get("candidates")),
         Check("seconds", is_number(seconds) and seconds >= 0.0, "a number of at least 0", seconds),
         Check("seed", good_seed, "a whole number of at least 0", seed),
         *_money(stored, constraints),
     ]
+
+
+def _unit(kind: str, constraints: Constraints) -> str:
+    return "money" if kind == "tolerance" and constraints.cost is not None else UNITS[kind]
 
 
 def _money(stored: Stored, constraints: Constraints) -> list[Check]:
@@ -300,6 +309,8 @@ def _bound(
     found: dict[str, Any] = {"recorded": recorded, "derived": None}
     if not is_number(recorded):
         return [], found
+    if scene.instance.objective.kind == "tolerance":
+        return [f"{side} {recorded:.6g} (its labels are not followed here)"], found
     # Left out of the knapsack: separation and required poses, which only lower the bound.
     knapsack = Knapsack(
         constraints.usable(),

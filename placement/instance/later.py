@@ -31,9 +31,7 @@ def _is(word: str) -> Callable[[object], bool]:
 
 LATER = (
     Later("road.construct", _given, "give road.pieces or road.file"),
-    Later("objective.kind", _is("tolerance"), 'use "localisation"'),
     Later("objective.kind", _is("kalman_gain"), 'use "localisation"'),
-    Later("budget.failures", _given, "leave it out: no camera fails"),
 )
 
 

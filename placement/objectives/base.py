@@ -63,6 +63,14 @@ class Objective(Protocol):
 
 
 @runtime_checkable
+class Demanding(Protocol):
+    """An objective that not every placement satisfies, whatever its constraints."""
+
+    def shortfall(self, selected: IntArray) -> str | None:
+        """Say what a placement lacks; None if it lacks nothing."""
+
+
+@runtime_checkable
 class Relaxable(Protocol):
     """An objective whose score extends concavely to fractional choices x in [0, 1]^c."""
 

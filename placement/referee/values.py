@@ -174,6 +174,12 @@ def _final_entropy(scene: Scene, sights: Sequence[Sight]) -> float:
     return float(0.5 * (3.0 * math.log(2.0 * math.pi * math.e) + log_det))
 
 
+def _worst(scene: Scene, sights: Sequence[Sight]) -> float:
+    """Return the largest 2σ across the road; `referee.tolerance` makes a value of it."""
+    P = filtered(scene, sights).covariance
+    return 2.0 * math.sqrt(float(np.max(lateral_variance(scene, P))))
+
+
 def lateral_variance(scene: Scene, P: FloatArray) -> FloatArray:
     """Return the variance across the road (t,) of world covariances P (t, 3, 3)."""
     heading = scene.track.heading_rad
@@ -188,9 +194,16 @@ VALUES: Mapping[str, Callable[[Scene, Sequence[Sight]], float]] = {
     "entropy": _entropy,
     "trace": _trace,
     "final_entropy": _final_entropy,
+    "tolerance": _worst,
 }
 # The objectives that are means over the drives; the others are sums.
 AVERAGED = frozenset({"trace", "final_entropy"})
 # The objectives that are maximised; the others are minimised.
 MAXIMISED = frozenset({"localisation", "entropy"})
-UNITS = {"localisation": "nats", "entropy": "nats", "trace": "m^2", "final_entropy": "nats"}
+UNITS = {
+    "localisation": "nats",
+    "entropy": "nats",
+    "trace": "m^2",
+    "final_entropy": "nats",
+    "tolerance": "cameras",
+}

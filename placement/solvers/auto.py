@@ -15,6 +15,7 @@ from placement.objectives.coverage import Coverage
 from placement.objectives.dense_design import DenseDesign
 from placement.objectives.entropy import Entropy
 from placement.objectives.localisation import Localisation
+from placement.objectives.tolerance import Tolerance
 from placement.problem import Problem, Run
 from placement.solution import Proposal
 
@@ -24,6 +25,8 @@ def solve_auto(problem: Problem, run: Run) -> Proposal:
     chosen = "chain" if isinstance(problem.objective, Localisation) else "search"
     if isinstance(problem.objective, Entropy):
         chosen = "tempered"
+    if isinstance(problem.objective, Tolerance):
+        chosen = "tolerance"
     if chosen == "chain" and problem.constraints.beyond_matroid():
         chosen = "mip"  # the chain knows neither money nor separation
     if isinstance(problem.objective, Coverage):

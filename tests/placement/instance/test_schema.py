@@ -176,9 +176,6 @@ def test_every_problem_gets_a_line() -> None:
 
 
 def test_what_comes_later_is_refused_by_name() -> None:
-    assert problems(budget={"failures": 1}) == [
-        "budget.failures = 1 is not supported yet: leave it out: no camera fails"
-    ]
     assert problems(road={"construct": {"start": [0, 0, 0], "goal": [9, 0, 0]}}) == [
         "road.construct is not supported yet: give road.pieces or road.file"
     ]
