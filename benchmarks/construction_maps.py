@@ -13,6 +13,8 @@ from models.geometry import FloatArray, Pose
 
 @dataclass(frozen=True)
 class Map:
+    """Hold what `road.construct` asks for."""
+
     start: Pose
     goal: Pose
     obstacles: list[FloatArray]

@@ -63,7 +63,7 @@ def reduced(word: Word, more: Word = ()) -> Word:
 
 
 def spelled(word: Word) -> str:
-    """Write a word for a table: `E1 W2` crosses ray 1 eastwards, then ray 2 westwards; else `direct`."""
+    """Write a word: `E1 W2` crosses ray 1 eastwards, then 2 westwards; `direct` crosses none."""
     return " ".join(f"{'E' if letter > 0 else 'W'}{abs(letter)}" for letter in word) or "direct"
 
 

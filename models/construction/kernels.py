@@ -198,7 +198,7 @@ def _arc_to_segment(
 
 @numba.njit(cache=True)
 def _in_sweep(dx: float, dy: float, first: float, side: float, sweep: float) -> bool:
-    return (side * (math.atan2(dy, dx) - first)) % math.tau <= sweep
+    return bool((side * (math.atan2(dy, dx) - first)) % math.tau <= sweep)
 
 
 @numba.njit(cache=True)

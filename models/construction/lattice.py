@@ -123,7 +123,7 @@ def make_lattice(site: Site, radius_m: float, clothoid_m: float, corners: IntArr
     for side in (1.0, -1.0):
         pose = site.start
         add(_moved(pose.x_m, pose.y_m, pose.heading_rad, lead, side, wide), -1, 0.0, lead, 1)
-    for corner in corners:
+    for corner in corners.tolist():
         first, last = site.cone_rad[corner]
         for angle in np.linspace(first, last, math.ceil((last - first) / _ANGLE_RAD) + 1):
             for side in (1.0, -1.0):
@@ -188,7 +188,7 @@ def _free(lattice: Lattice) -> Lattice:
     points = shapely.points(lattice.nodes[:, :2])
     tree = shapely.STRtree([shapely.Polygon(ring) for ring in lattice.site.rings])
     near = tree.query(points, predicate="dwithin", distance=lattice.keep_m - 1e-7)[0]
-    free = np.ones(len(points), dtype=np.bool_)
+    free = np.ones(len(lattice.nodes), dtype=np.bool_)
     free[near] = False
     free |= lattice.ends > 0
     return Lattice(

@@ -210,9 +210,9 @@ def _exchange(cases: list[_Case], visibility: Visibility, ways: list[Way], deadl
         for case in cases:
             if time.monotonic() > deadline:
                 return
-            belt = pull(case.lattice, touches, word)
-            if belt is not None:
-                case.belts.append(belt)
+            pulled = pull(case.lattice, touches, word)
+            if pulled is not None:
+                case.belts.append(pulled)
 
 
 def _touches(visibility: Visibility, way: Way) -> list[Touch]:

@@ -73,15 +73,14 @@ def see(site: Site, *, deadline: float = math.inf) -> Visibility:
     With many corners, only those in an ellipse about start and goal are looked at, in widening
     ellipses until one holds a way: a way as short as that leaves its ellipse nowhere.
     """
-    everything = _points(site)
+    points, before, after, corner, keep = _points(site)
     apart = math.hypot(site.goal.x_m - site.start.x_m, site.goal.y_m - site.start.y_m)
-    points = everything[0]
     detour = np.hypot(*(points - points[0]).T) + np.hypot(*(points - points[1]).T)
     for stretch in (*_STRETCHES, math.inf) if len(points) > _MOST_POINTS else (math.inf,):
         inside = detour <= stretch * apart + 2.0 * site.keep_m
         inside[:2] = True
         found = _graph(
-            site, *(column[inside] for column in everything[:4]), everything[4], deadline
+            site, points[inside], before[inside], after[inside], corner[inside], keep, deadline
         )
         if not found.complete or found.shortest_m <= stretch * apart:
             break
