@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -46,13 +46,15 @@ class Result:
     """A solution in its scene, with what is predicted of it and, once driven, what happened.
 
     This is what every entry point of the group `placement.figures` is given; each returns
-    files (name → content) to lie beside the solution's own.
+    files (name → content) to lie beside the solution's own. `by_budget` holds the placements of a
+    budget curve, by their number of cameras, where there is one.
     """
 
     scene: Scene
     solution: Solution
     prediction: Prediction
     validation: Validation | None = None
+    by_budget: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
 
 
 def solve_into(
@@ -219,7 +221,7 @@ def _write(
 
     The figures take seconds: a placement that took an hour is safe before the first is drawn.
     """
-    from placement.output import solution_files, validation_files
+    from placement.output import placements_by_budget, solution_files, validation_files
 
     files: dict[str, Content] = dict(more or {})
     # A new solution makes an older one's simulation, verification and figures stale.
@@ -232,7 +234,8 @@ def _write(
     write_files(folder, files, remove=stale)
     if prediction is None:  # there is nothing to draw
         return
-    result = Result(scene, solution, prediction, validation)
+    curve = placements_by_budget(folder, scene.problem.constraints.n)
+    result = Result(scene, solution, prediction, validation, curve)
     figures: dict[str, Content] = {}
     for entry in sorted(entry_points(group="placement.figures"), key=lambda e: e.name):
         draw: Callable[[Result], dict[str, Content]] = entry.load()

@@ -194,6 +194,26 @@ def cameras_seeing(
     return counts
 
 
+def placements_by_budget(folder: Path, n_candidates: int) -> dict[int, tuple[int, ...]]:
+    """Return the placements of `budget_curve.csv` by k; none if there is no such file, or damage.
+
+    Whether they are what they claim to be is for `placement verify` to say.
+    """
+    path = folder / "budget_curve.csv"
+    if not path.exists():
+        return {}
+    try:
+        table = pd.read_csv(path, dtype={"selected": str}, keep_default_na=False)
+        curve = {
+            int(k): tuple(int(i) for i in str(words).split())
+            for k, words in zip(table["k"], table["selected"], strict=True)
+        }
+    except (OSError, KeyError, TypeError, ValueError):
+        return {}
+    whole = all(0 <= i < n_candidates for chosen in curve.values() for i in chosen)
+    return curve if whole else {}
+
+
 def read_folder(folder: Path, *, check_hash: bool = True) -> Stored:
     """Read back what `solve` wrote into `folder`, and check that its files still mean the same.
 

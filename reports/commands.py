@@ -10,6 +10,8 @@ from typing import Annotated
 
 import typer
 
+from reports.roads import register as register_roads
+
 
 @dataclass(frozen=True, slots=True)
 class Study:
@@ -38,25 +40,51 @@ STUDIES: dict[str, Study] = {
 
 
 def register(app: typer.Typer) -> None:
-    """Add `report` to the command line."""
+    """Add `report` and `roads` to the command line."""
     app.command()(report)
+    register_roads(app)
 
 
 def report(
-    study: Annotated[str, typer.Argument(help=f"One of {', '.join(STUDIES)}.")],
+    study: Annotated[str, typer.Argument(help=f"One of {', '.join(STUDIES)}, or all.")],
     out: Annotated[Path, typer.Option(help="The folder the CSV files and figures go to.")],
     quick: Annotated[bool, typer.Option("--quick", help="Fewer samples, the same files.")] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
 ) -> None:
-    """Run one study: CSV files and figures into --out."""
+    """Run one study, or all: CSV files, figures and a page into --out.
+
+    `all` gives each study a folder, and skips those that an earlier run finished.
+    """
     from placement.atomic import prepare_folder
     from placement.watch import watch
 
-    if study not in STUDIES:
-        raise ValueError(f"study must be one of {', '.join(STUDIES)}, got {study!r}")
+    if study not in STUDIES and study != "all":
+        raise ValueError(f"study must be one of {', '.join([*STUDIES, 'all'])}, got {study!r}")
     prepare_folder(out)
     with watch(quiet) as progress:
-        STUDIES[study].load()(out, quick=quick, seed=seed, progress=progress)
+        if study == "all":
+            from reports.all_studies import run_all
+
+            run_all(STUDIES, out, quick=quick, seed=seed, progress=progress)
+        else:
+            run_study(study, out, quick=quick, seed=seed, progress=progress)
     if not quiet:
         typer.echo(f"results in {out}")
+
+
+def run_study(
+    name: str,
+    out: Path,
+    *,
+    quick: bool,
+    seed: int,
+    progress: Callable[[str, float | None], None],
+) -> None:
+    """Run the study `name` into `out` and write its page over what it wrote."""
+    from placement.atomic import write_files
+    from reports.page.study_page import study_page
+
+    study = STUDIES[name]
+    study.load()(out, quick=quick, seed=seed, progress=progress)
+    write_files(out, {"index.html": study_page(name, study.summary, out)})

@@ -1,0 +1,1 @@
+"""Self-contained HTML pages: a placement to explore, and the tables and figures of a study."""

@@ -1,0 +1,50 @@
+"""The page of a study: every figure and every table of its folder, in one file."""
+
+from __future__ import annotations
+
+import base64
+import html
+from pathlib import Path
+
+import pandas as pd
+
+from reports.page.document import document, table
+
+MOST_ROWS = 500  # of one table; the CSV file has them all
+MOST_BYTES = 2_500_000  # of all figures: past that they are shown as their PNG, or only named
+
+
+def study_page(title: str, summary: str, folder: Path) -> str:
+    """Return a page of the figures (SVG, else PNG) and tables (CSV) that lie in `folder`."""
+    sections = [f"<h1>{html.escape(title)}</h1>", f"<p>{html.escape(summary)}.</p>"]
+    room = MOST_BYTES
+    for path in sorted(folder.glob("*.svg")):
+        name = html.escape(path.stem.replace("_", " ").replace("-", " "))
+        shown = next(
+            (each for each in (path, path.with_suffix(".png")) if _size(each) <= room), None
+        )
+        if shown is None:
+            sections.append(f"<p>The figure {html.escape(path.name)} lies beside this page.</p>")
+            continue
+        room -= _size(shown)
+        kind = "svg+xml" if shown.suffix == ".svg" else "png"
+        data = base64.b64encode(shown.read_bytes()).decode("ascii")
+        sections.append(
+            f'<figure><img alt="{name}" src="data:image/{kind};base64,{data}">'
+            f"<figcaption>{name}</figcaption></figure>"
+        )
+    for path in sorted(folder.glob("*.csv")):
+        frame = pd.read_csv(path)
+        sections.append(f"<h2>{html.escape(path.stem.replace('_', ' '))}</h2>")
+        if len(frame) > MOST_ROWS:
+            sections.append(
+                f"<p>The first {MOST_ROWS:,} of {len(frame):,} rows; {html.escape(path.name)} "
+                "has them all.</p>"
+            )
+        sections.append(table(frame.head(MOST_ROWS)))
+    return document(f"{title} – placement", sections)
+
+
+def _size(path: Path) -> int:
+    """Return the bytes a file takes in the page, where base64 makes four of three."""
+    return 4 * path.stat().st_size // 3 if path.exists() else 10 * MOST_BYTES
