@@ -77,8 +77,8 @@ def make_moves(
             f"method diagram needs views of at most {longest} samples for {budget} cameras, got "
             f"{split.size} longer ones among {keep.size}: use search or relaxation"
         )
-    for v in split:
-        _join_range(drive.indices, blocks, stop[v], drive.indptr[keep[v] + 1], beyond)
+    for at in split:
+        _join_range(drive.indices, blocks, stop[at], drive.indptr[keep[at] + 1], beyond)
     beyond *= (1.0 + TWINS) * budget
     last = drive.indices[stop - 1].astype(np.int64)
     ptr = np.concatenate(([0], np.cumsum(last - first + 1)))
@@ -86,13 +86,13 @@ def make_moves(
     for v, i in enumerate(keep):
         row = slice(drive.indptr[i], stop[v])
         dense[ptr[v] + drive.indices[row] - first[v]] = (1.0 + TWINS) * blocks[row]
-    at = np.searchsorted(first, np.arange(t + 1))
+    starting = np.searchsorted(first, np.arange(t + 1))
     family = np.zeros_like(last)
     by_last = np.argsort(last, kind="stable")
     starts = np.searchsorted(last[by_last], last[by_last])
     family[by_last] = (np.arange(last.size) - starts) % FAMILIES
     moves = Moves(
-        keep, ptr, dense, at, family, int(family.max()) + 1, int(np.max(last - first) + 1)
+        keep, ptr, dense, starting, family, int(family.max()) + 1, int(np.max(last - first) + 1)
     )
     return moves, beyond
 

@@ -24,7 +24,7 @@ from placement.diagram.arrays import (
 )
 from placement.diagram.moves import floor_information, make_moves
 from placement.diagram.sweep import forward, near_form
-from placement.diagram.togo import backward, hopes, merged_table
+from placement.diagram.togo import backward, hopes, least_by_cut, merged_table
 from placement.objectives.navigation import WhiteDrive
 from placement.objectives.windows.filter import empty_messages, filter_forward
 
@@ -105,8 +105,14 @@ class Diagram:
         )
         m = self.moves
         self.views = Views(m.ptr, m.blocks, m.at, m.family, m.families, m.span)
-        self.table = empty_table(drive.n_samples, budget)
+        self._forget(np.full(budget + 1, np.inf))
         self.bounds = np.full(budget + 1, float(self.road.floor_cost[-1]))
+
+    def _forget(self, thresholds: FloatArray) -> None:
+        """Start over with what holds only for placements below the `thresholds` (k + 1,)."""
+        self.table = empty_table(self.drive.n_samples, self.budget)
+        self.cuts = np.zeros((self.drive.n_samples + 1, self.budget + 1))
+        self.thresholds = thresholds
 
     @property
     def bound(self) -> float:
@@ -135,16 +141,25 @@ class Diagram:
         Given thresholds (k + 1,), one a budget, the sweep bounds every budget at once: a root at
         count k − b has b cameras left, and costs are counted from minus its threshold.
 
-        Improves `bounds` and the table. Return None if storage ran out.
+        Improves `bounds` and the table; the table of sweeps with lower thresholds is forgotten.
+        Return None if storage ran out.
 
         Raises:
             OutOfTime: before the bound is known; nothing is changed then.
         """
         start = time.monotonic()
-        k, table, t = self.budget, self.table, self.drive.n_samples
+        k, t = self.budget, self.drive.n_samples
+        several = isinstance(threshold, np.ndarray)
+        asked = list(range(k, -1, -1)) if several else [k]  # by count of the root: 0, 1, …
+        thresholds = np.full(k + 1, -np.inf)
+        thresholds[asked] = np.broadcast_to(threshold, k + 1)[asked]
+        if np.any(thresholds > (1.0 + ROUNDING) * self.thresholds):
+            self._forget(thresholds)
+        thresholds = np.minimum(thresholds, self.thresholds)
+        table = self.table
         storage = new_storage(t, k, self.views, slots, MOST_NODES, MOST_ARCS, MOST_WAITING)
         rules = Rules(
-            0.0 if isinstance(threshold, np.ndarray) else float(threshold),
+            (np.inf if probing else 0.0) if several else float(thresholds[k]),
             width,
             EPSILON if epsilon is None else epsilon,
             slack,
@@ -153,15 +168,11 @@ class Diagram:
             slots,
             probing,
         )
-        if isinstance(threshold, np.ndarray):
-            asked = list(range(k, -1, -1))  # by count of the root: 0, 1, …
-            starts = -threshold[asked]
-        else:
-            asked, starts = [k], np.zeros(1)
+        starts = -thresholds[asked] if several and not probing else np.zeros(len(asked))
         for m, cost in enumerate(starts):
             add_root(storage.pool, storage.counter, m, float(cost), self.drive.p0)
         hope = np.zeros((t + 1, k + 2))
-        hopes(self.road, self.views.span, table, hope)
+        hopes(self.road, self.views.span, table, self.cuts, hope)
         bin_epsilon = np.zeros(k + 1)
         roots: IntArray = np.empty(0, dtype=np.int64)
         for begin in range(0, t, CHUNK):
@@ -184,7 +195,11 @@ class Diagram:
         found = np.full(k + 1, np.nan)
         found[asked] = nodes.togo[roots] * (1.0 - ROUNDING)
         paths = {b: self._path(int(r), best_arc, arcs) for b, r in zip(asked, roots, strict=True)}
+        found = np.minimum(found, thresholds)  # the rest was forgotten
         self.bounds = np.fmax(self.bounds, found)
+        self.thresholds = thresholds
+        if not probing:
+            least_by_cut(nodes.lo, nodes.hi, nodes.togo, self.cuts)
         self.table = merged_table(table, nodes.lo, nodes.hi, nodes.p, nodes.togo)
         return Outcome(
             float(found[k]),

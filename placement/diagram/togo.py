@@ -4,6 +4,11 @@ Backward, each label learns `togo`, a lower bound on the cost from its P to the 
 over its arcs, of the arc's cost and the target's togo. Any label with m cameras at t whose P is
 above λ ≤ 1 times another's has at least λ times its togo, as the map is concave in P with
 nonnegative value at 0. So the labels of one sweep are the pruning table of the next.
+
+A sweep that starts at the root also tells where placements below its threshold can pass at all:
+each that has nothing pending at t, with m cameras so far, is represented by one of the labels
+there, so its cost to go is at least the least of theirs, and there is none where no label is left.
+All this holds for placements below the threshold only; the others cost the threshold anyway.
 """
 
 from __future__ import annotations
@@ -47,10 +52,11 @@ def least_togo(p, lo, hi, table_p, table_togo):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def hopes(road, span, table, out):  # type: ignore[no-untyped-def]
+def hopes(road, span, table, cuts, out):  # type: ignore[no-untyped-def]
     """Fill `out` (t + 1, k + 2): least cost from a cluster that ends before t, or goes on.
 
-    The cost to go from the floor, by the table; or, with one camera more, from a later end.
+    The cost to go from the floor, by the table, or what an earlier sweep's labels there need,
+    `cuts` (t + 1, k + 1); or, with one camera more, from a later end.
     """
     floor_p, floor_cost = road.floor_p, road.floor_cost
     t_end, k = out.shape[0] - 1, out.shape[1] - 2
@@ -61,7 +67,9 @@ def hopes(road, span, table, out):  # type: ignore[no-untyped-def]
         q = (f[0], f[1], f[2], f[3], f[4], f[5])
         out[t, k + 1] = np.inf
         for m in range(k, -1, -1):
-            best = least_togo(q, table.lo[t, m], table.hi[t, m], table.p, table.togo)
+            best = cuts[t, m]
+            if best < np.inf:
+                best = max(best, least_togo(q, table.lo[t, m], table.hi[t, m], table.p, table.togo))
             for u in range(min(span, t_end - t + 1)):
                 best = min(best, floor_cost[t + u] - floor_cost[t] + out[t + u, m + 1])
             out[t, m] = best
@@ -78,6 +86,17 @@ def backward(arcs, source, target, cost, togo, best_arc):  # type: ignore[no-unt
         if source[a] >= 0 and c < togo[source[a]]:
             togo[source[a]] = c
             best_arc[source[a]] = a
+
+
+@njit(cache=True)
+def least_by_cut(lo, hi, togo, out):  # type: ignore[no-untyped-def]
+    """Raise `out` (t + 1, k + 1) to the least togo of the labels at each sample and count."""
+    for t in range(lo.shape[0]):
+        for m in range(lo.shape[1]):
+            least = np.inf
+            for n in range(lo[t, m], hi[t, m]):
+                least = min(least, togo[n])
+            out[t, m] = max(out[t, m], least)
 
 
 def merged_table(

@@ -11,6 +11,7 @@ choices have a convex value. Not submodular: no guarantee of greedy's holds, and
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -52,6 +53,28 @@ class Trace(NavigationObjective):
 
     def over(self, drives: Sequence[Drive]) -> Trace:
         """Return the same objective over other drives."""
+        return Trace(drives, self.weight)
+
+    @property
+    def persistent(self) -> bool:
+        """Whether any drive's cameras have offsets that all their frames share."""
+        return any(drive.persistent for drive in self.drives)
+
+    def offsets_known(self) -> Trace:
+        """Return the objective of cameras whose offsets are known: below this one for every set.
+
+        Whoever knows the offsets estimates no worse than whoever does not: with offsets o,
+        P = E Cov(e | z, o) + Cov E(e | z, o) ≥ E Cov(e | z, o), and for Gaussians Cov(e | z, o)
+        depends on neither z nor o. What is left of a camera is its white information.
+        """
+        drives = []
+        for drive in self.drives:
+            information = drive.information
+            if information.white is not None:
+                information = replace(
+                    information, blocks=information.white, white=None, offsets=None
+                )
+            drives.append(replace(drive, information=information))
         return Trace(drives, self.weight)
 
     def _part(self, drive: Drive) -> DrivePart:

@@ -2,29 +2,43 @@
 
 The chain bound and its labels prove optimality for `localisation` (on the Norisring in half a
 second, where the integer program stops 0.2 % short after a minute) and the tempered chain for
-`entropy`; both are anytime. For the other objectives the search along the road gives the best
-placements, and greedy's bound comes with them where the objective is submodular.
+`entropy`; both are anytime. `trace` is searched and then bounded by the diagram along the road or
+the concave relaxation, whichever says more. For the other objectives the search along the road
+gives the best placements, and greedy's bound comes with them where the objective is submodular,
+else that of the concave relaxation.
 """
 
 from __future__ import annotations
 
 import importlib
+import math
+import time
 from dataclasses import replace
 
+import numpy as np
+
+from placement.bounds.concave import best_fraction
+from placement.bounds.matroid import root_choice
+from placement.objectives.base import Relaxable
 from placement.objectives.coverage import Coverage
 from placement.objectives.dense_design import DenseDesign
 from placement.objectives.entropy import Entropy
 from placement.objectives.localisation import Localisation
 from placement.objectives.tolerance import Tolerance
+from placement.objectives.trace import Trace
 from placement.problem import Problem, Run
 from placement.solution import Proposal
 
+BOUND_S = 10.0  # for a bound that no method gives, where there is no time limit
+
 
 def solve_auto(problem: Problem, run: Run) -> Proposal:
-    """Solve by `chain` or `tempered` where they apply, else by `search`: see `stats["chosen"]`."""
+    """Solve by what can prove most, else by `search`: see `stats["chosen"]`."""
     chosen = "chain" if isinstance(problem.objective, Localisation) else "search"
     if isinstance(problem.objective, Entropy):
         chosen = "tempered"
+    if isinstance(problem.objective, Trace):
+        chosen = "trace_proof"
     if isinstance(problem.objective, Tolerance):
         chosen = "tolerance"
     if chosen == "chain" and problem.constraints.beyond_matroid():
@@ -35,4 +49,23 @@ def solve_auto(problem: Problem, run: Run) -> Proposal:
         chosen = "branch"
     module = importlib.import_module(f"placement.solvers.{chosen}")
     proposal: Proposal = getattr(module, f"solve_{chosen}")(problem, run)
-    return replace(proposal, stats={**proposal.stats, "chosen": chosen})
+    stats = {**proposal.stats, "chosen": chosen}
+    if run.score_bound is None and proposal.score_bound is None:
+        stats |= _relaxed_bound(problem, run, proposal.selected)
+    return replace(proposal, stats=stats)
+
+
+def _relaxed_bound(problem: Problem, run: Run, selected: list[int]) -> dict[str, str]:
+    """Bound what no method has bounded, if the objective extends concavely; say how."""
+    if not isinstance(problem.objective, Relaxable):
+        return {}
+    limit = run.deadline if math.isfinite(run.deadline) else time.monotonic() + BOUND_S
+    fraction = best_fraction(
+        problem.objective,
+        root_choice(problem.constraints),
+        Run(run.rng, limit, run.progress),
+        start=np.array(selected, dtype=np.int64),
+        tolerance=1e-3,
+    )
+    run.score_bound = fraction.bound
+    return {"bound_from": "concave relaxation"}

@@ -1,18 +1,19 @@
 """Prove `trace` placements by a relaxed decision diagram along the road, refined until it closes.
 
-Each sweep (`diagram.sweep`) merges fewer labels than the one before and prunes with what the
+Each sweep (`placement.diagram`) merges fewer labels than the one before and prunes with what the
 earlier ones proved, so the lower bound rises until it meets the best placement or time is up.
 The path that attains the bound is a set of cameras; repaired and polished by swaps it is often
 better than any found by local search alone, and a better placement prunes more.
 
 The bound holds for every budget, one-per-mount or not, whatever overlaps: constraints other than
 the count, required and forbidden poses are relaxed. With several drives, each has a diagram of
-its own, and the weighted bounds are summed.
+its own, and the weighted bounds are summed. Where cameras have persistent offsets, the diagram
+bounds what could be had if the offsets were known, and so what can be had (docs/trace-bound.md).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,8 @@ from placement.solvers.exchange import polish
 from placement.solvers.greedy import climb
 
 LEAVE_TIME_S = 0.4  # for the verb's own checks, out of the time limit
-STALL = 1e-4  # a sweep that raises the bound by less (relative) changed nothing
+BOUND_FROM = "relaxed decision diagram along the road"
+KNOWN_OFFSETS = BOUND_FROM + ", offsets known"
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,85 +52,158 @@ EFFORTS = (
 )
 PROBE = Effort(60, 1, 1)
 PROBE_EPSILON = 0.2
+GROWTH = 2.3  # times as long as the one before takes the next sweep
+WORTH_IT = 1.4  # a sweep that may not take this much longer than the last is not worth it
 
 
 def solve_diagram(problem: Problem, run: Run) -> Proposal:
     """Find a placement by swaps, then prove and improve it sweep by sweep.
 
     Raises:
-        ValueError: for an objective other than `trace`, or persistent errors.
+        ValueError: for an objective other than `trace`, or views too long for the memory.
     """
-    search = Search(problem, run)
-    finished = search.explore()
+    proof = Proof(problem, run)
+    finished = proof.work()
     return Proposal(
-        search.incumbent,
+        proof.incumbent,
         run.score_bound,
         Status.FEASIBLE if finished else Status.TIME_LIMIT,
-        search.stats(),
+        proof.stats(),
     )
 
 
 @dataclass(slots=True)
-class Search:
-    """The incumbent, the diagrams of the drives, and what was proven."""
+class Proof:
+    """The incumbent, the diagrams of the drives, and what was proven.
+
+    `most_labels` ends the refinement before a sweep that would take the labels of all sweeps
+    beyond that many. `known` is the problem with all offsets known, the same where there are none;
+    `selected` and `value` are the best placement of that one, `incumbent` and `true_value` of the
+    problem itself.
+    """
 
     problem: Problem
     run: Run
+    most_labels: float = np.inf
+    known: Problem = field(init=False)
+    persistent: bool = field(init=False)
     incumbent: list[int] = field(default_factory=list)
+    true_value: float = np.inf
+    selected: list[int] = field(default_factory=list)
     value: float = np.inf
     sweeps: list[dict[str, Any]] = field(default_factory=list)
     _diagrams: list[tuple[float, Diagram]] = field(default_factory=list)
 
-    def explore(self) -> bool:
-        """Sweep with rising effort; return whether all was done that can be."""
-        parts = white_parts(self.problem)
-        state, _, _ = climb(self.problem, self.run)
-        polish(self.problem, self.run, state)
-        self._offer(state.selected)
-        usable, required, budget = free_choice(self.problem)
-        for weight, part in parts:
+    def __post_init__(self) -> None:
+        """Look at the objective."""
+        objective = self.problem.objective
+        if not isinstance(objective, Trace):
+            raise ValueError(f"method diagram needs the objective trace, got {objective.name}")
+        self.persistent = objective.persistent
+        self.known = self.problem
+        if self.persistent:
+            self.known = replace(self.problem, objective=objective.offsets_known())
+
+    def work(self) -> bool:
+        """Start by swaps, then sweep with rising effort; return whether no time was missing."""
+        self.prepare()
+        started = Run(self.run.rng, self.run.deadline, self.run.progress)
+        state, _, _ = climb(self.known, started)
+        self.run.incumbent = state.selected
+        polish(self.known, started, state)
+        self.offer(state.selected)
+        if self.persistent:
+            self._polish_truly(0.3 * self.run.remaining())
+        return self.refine()
+
+    def prepare(self) -> None:
+        """Lay out the diagrams; their floors are a first bound."""
+        usable, required, budget = free_choice(self.known)
+        for weight, part in white_parts(self.known):
             if weight > 0.0:
                 diagram = Diagram(part.drive, (part.w_tt, part.w_nn), usable, required, budget)
                 self._diagrams.append((weight, diagram))
         self._publish()
+
+    def refine(self) -> bool:
+        """Sweep with rising effort; return whether all was done that can be."""
         try:
-            for at, (_, diagram) in enumerate(self._diagrams):
-                self._sweep(at, diagram, PROBE, probing=True)
-            for effort in EFFORTS:
-                if not self._refine(effort):
+            for at in range(len(self._diagrams)):
+                self._sweep(at, PROBE, probing=True)
+            last = PROBE
+            for wanted in EFFORTS:
+                effort = self._affordable(last, wanted)
+                if effort is None or not self._refined(effort):
                     break
+                last = effort
         except OutOfTime:
             return False
-        return True
+        return self.run.remaining() > LEAVE_TIME_S
 
     def stats(self) -> dict[str, Any]:
         """Return what there is to tell about the search."""
-        return {"sweeps": self.sweeps, "bound_from": "relaxed decision diagram along the road"}
+        bound_from = KNOWN_OFFSETS if self.persistent else BOUND_FROM
+        return {"sweeps": self.sweeps, "bound_from": bound_from}
 
-    def _refine(self, effort: Effort) -> bool:
+    def offer(self, selected: list[int]) -> None:
+        """Keep `selected` where it is better than the incumbents."""
+        if self.problem.constraints.violations(selected):
+            return
+        chosen = sorted(int(i) for i in selected)
+        value = self.known.objective.value(np.array(chosen, dtype=np.int64))
+        if value < self.value:
+            self.value, self.selected = value, chosen
+        if self.persistent:
+            value = self.problem.objective.value(np.array(chosen, dtype=np.int64))
+        if value < self.true_value:
+            self.true_value, self.incumbent = value, chosen
+        self.run.incumbent = self.incumbent
+
+    @property
+    def bound(self) -> float:
+        """The proven lower bound on the value, in m²."""
+        return float(sum(w * d.bound / d.drive.n_samples for w, d in self._diagrams))
+
+    def _affordable(self, last: Effort, wanted: Effort) -> Effort | None:
+        """Return the effort for which time and labels suffice, None if that is no more."""
+        if not self.sweeps or last is PROBE:
+            return wanted
+        done = self.sweeps[-len(self._diagrams) :]
+        labels = sum(s["labels"] for s in done)
+        if sum(s["labels"] for s in self.sweeps) + 2 * labels > self.most_labels:
+            return None
+        seconds = max(1e-3, sum(s["seconds"] for s in done))
+        affordable = 0.8 * (self.run.remaining() - LEAVE_TIME_S) / seconds
+        if affordable >= GROWTH:
+            return wanted
+        if affordable < WORTH_IT:
+            return None
+        share = (affordable - 1.0) / (GROWTH - 1.0)
+        return Effort(
+            *(int(a + share * (b - a)) for a, b in zip(astuple(last), astuple(wanted), strict=True))
+        )
+
+    def _refined(self, effort: Effort) -> bool:
         """Sweep every diagram, as long as that helps; return whether a finer one may help more."""
-        fits = True
-        while not self._proven() and fits:
+        while not self._proven():
             bound, value = self.bound, self.value
-            for at, (_, diagram) in enumerate(self._diagrams):
-                outcome = self._sweep(at, diagram, effort)
+            for at in range(len(self._diagrams)):
+                outcome = self._sweep(at, effort)
                 if outcome is None:  # no room: be coarser where it matters least
                     less = Effort(effort.width, effort.coarse // 2 + 1, effort.slots // 2 + 1)
-                    outcome = self._sweep(at, diagram, less)
-                fits = fits and outcome is not None
-                if outcome is not None:
-                    self._improve(outcome)
+                    outcome = self._sweep(at, less)
+                if outcome is None:
+                    return False
+                self._improve(outcome)
             gap = max(self.value - bound, 0.0)
-            if self.bound - bound < 0.3 * gap and value - self.value < 0.1 * gap:
-                break
-        return not self._proven() and fits
+            if value - self.value < 0.1 * gap:
+                return not self._proven()
+        return False
 
-    def _sweep(
-        self, at: int, diagram: Diagram, effort: Effort, *, probing: bool = False
-    ) -> Outcome | None:
+    def _sweep(self, at: int, effort: Effort, *, probing: bool = False) -> Outcome | None:
         """Sweep one diagram; what it may not exceed follows from what the others need."""
+        weight, diagram = self._diagrams[at]
         n = diagram.drive.n_samples
-        weight = self._diagrams[at][0]
         others = self.bound - weight * diagram.bound / n
         threshold = np.inf if probing else (self.value - others) * n / weight
 
@@ -161,39 +236,64 @@ class Search:
         self._publish()
         return outcome
 
-    @property
-    def bound(self) -> float:
-        """The proven lower bound on the value, in m²."""
-        return float(sum(w * d.bound / d.drive.n_samples for w, d in self._diagrams))
-
     def _proven(self) -> bool:
         return self.value - self.bound <= 0.5 * OPTIMAL_GAP * abs(self.value)
 
     def _improve(self, outcome: Outcome) -> None:
         """Make a placement of a sweep's best path, polish it, and keep it if it is better."""
-        constraints = self.problem.constraints
-        state = self.problem.objective.state(np.unique(constraints.required))
-        for candidate in dict.fromkeys(outcome.path):
-            if constraints.addable(np.array(state.selected, dtype=np.int64))[candidate]:
-                state.add(candidate)
-        if set(state.selected) == set(self.incumbent):
+        selected = repaired(self.known, outcome.path)
+        if set(selected) == set(self.selected):
             return
-        self._offer(state.selected)
-        polish(self.problem, self.run, state)
-        self._offer(state.selected)
+        self.offer(selected)
+        state = self.known.objective.state(np.array(selected, dtype=np.int64))
+        polish(self.known, Run(self.run.rng, self.run.deadline, self.run.progress), state)
+        self.offer(state.selected)
 
-    def _offer(self, selected: list[int]) -> None:
-        """Keep `selected` if it is better than the incumbent."""
-        value = self.problem.objective.value(np.array(selected, dtype=np.int64))
-        if value < self.value and not self.problem.constraints.violations(selected):
-            self.value = value
-            self.incumbent = sorted(int(i) for i in selected)
-        self.run.incumbent = self.incumbent
+    def _polish_truly(self, seconds: float) -> None:
+        """Polish the incumbent with its offsets unknown, for some seconds."""
+        state = self.problem.objective.state(np.array(self.incumbent, dtype=np.int64))
+        with shortened(self.run, seconds):
+            polish(self.problem, self.run, state)
+        self.offer(state.selected)
 
     def _publish(self) -> None:
-        score_bound = -min(self.bound, self.value)
-        if self.run.score_bound is None or score_bound < self.run.score_bound:
-            self.run.score_bound = score_bound
+        publish(self.run, -min(self.bound, self.value))
+
+
+def publish(run: Run, score_bound: float) -> bool:
+    """Tell `run` of a bound; return whether it is better than the one it had."""
+    if run.score_bound is None or score_bound < run.score_bound:
+        run.score_bound = score_bound
+        return True
+    return False
+
+
+class shortened:  # noqa: N801 - reads as a verb after `with`
+    """Let `run` end `seconds` from now, or at its own deadline if that is sooner."""
+
+    def __init__(self, run: Run, seconds: float) -> None:
+        """Remember the run's own deadline."""
+        self.run, self.seconds, self.deadline = run, seconds, run.deadline
+
+    def __enter__(self) -> None:
+        """Bring the deadline forward."""
+        import time
+
+        self.run.deadline = min(self.deadline, time.monotonic() + self.seconds)
+
+    def __exit__(self, *_: object) -> None:
+        """Put it back."""
+        self.run.deadline = self.deadline
+
+
+def repaired(problem: Problem, path: list[int]) -> list[int]:
+    """Return the required cameras and as many of the path's, in order, as may join them."""
+    constraints = problem.constraints
+    selected = [int(i) for i in np.unique(constraints.required)]
+    for candidate in dict.fromkeys(path):
+        if constraints.addable(np.array(selected, dtype=np.int64))[candidate]:
+            selected.append(candidate)
+    return selected
 
 
 def white_parts(problem: Problem) -> list[tuple[float, WhiteTrace]]:
@@ -204,10 +304,7 @@ def white_parts(problem: Problem) -> list[tuple[float, WhiteTrace]]:
     parts = []
     for weight, part in objective.parts():
         if not isinstance(part, WhiteTrace):
-            raise ValueError(
-                "method diagram needs errors.persistent = false: with offsets a camera's frames "
-                "depend on each other for as long as it sees the car"
-            )
+            raise ValueError("a diagram needs cameras whose offsets are known: see offsets_known")
         parts.append((weight, part))
     return parts
 

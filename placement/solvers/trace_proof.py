@@ -1,0 +1,136 @@
+"""What `auto` does for `trace`: search for a placement, bound it by the best means, say which.
+
+    search       rearranges stretches of road while that helps;
+    relaxation   the concave relaxation's tangent bound: cheap, any length of view, any error;
+    diagram      the relaxed decision diagram along the road: tight, for views that are short.
+
+Persistent offsets make every look at an objective dear, so there the search is over cameras whose
+offsets are known, and its placement is polished with them unknown; the relaxation begins likewise
+where that of known offsets ended. Bounds are lower bounds on the value; the greatest counts, and
+`stats["bound_from"]` names it.
+
+A time limit is shared out: a quarter for the search, a tenth for the relaxation, the rest for the
+diagram. Without one the diagram stops at MOST_LABELS, and what persistent offsets make dear after
+DEAR_S seconds.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, cast
+
+import numpy as np
+
+from placement.bounds.concave import best_fraction
+from placement.bounds.matroid import root_choice
+from placement.bounds.tangent import tangent_bound
+from placement.objectives.base import Relaxable
+from placement.objectives.trace import Trace
+from placement.problem import Problem, Run
+from placement.solution import Proposal, Status
+from placement.solvers.diagram import Proof, publish, shortened
+from placement.solvers.exchange import polish
+from placement.solvers.search import solve_search
+
+MOST_LABELS = 16e6  # about 20 s
+DEAR_S = 10.0
+FAINT = 1e-3  # of a camera: less is left out of a fractional choice, which stays a choice
+EVERYWHERE = "every camera at once"
+RELAXATION = "concave relaxation"
+TOLERANCE = 1e-3
+
+
+def solve_trace_proof(problem: Problem, run: Run) -> Proposal:
+    """Search, relax, and refine the diagram; return the best placement and the best bound.
+
+    Raises:
+        ValueError: for an objective other than `trace`.
+    """
+    if not isinstance(problem.objective, Trace):
+        raise ValueError(f"this proof needs the objective trace, got {problem.objective.name}")
+    proof = TraceProof(problem, run)
+    finished = proof.work()
+    return Proposal(
+        proof.proof.incumbent,
+        run.score_bound,
+        Status.FEASIBLE if finished else Status.TIME_LIMIT,
+        proof.stats,
+    )
+
+
+@dataclass(slots=True)
+class TraceProof:
+    """The diagram's proof with a search before it and a relaxation beside it."""
+
+    problem: Problem
+    run: Run
+    stats: dict[str, Any] = field(default_factory=dict)
+    proof: Proof = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Prepare the proof, not yet its diagrams."""
+        limited = math.isfinite(self.run.deadline)
+        self.proof = Proof(self.problem, self.run, math.inf if limited else MOST_LABELS)
+
+    def work(self) -> bool:
+        """Do all of it; return whether no time was missing."""
+        run, proof = self.run, self.proof
+        limited = math.isfinite(run.deadline)
+        total = run.remaining()
+        self.stats["bounds"] = {}
+        # less than nothing is known for a start: the error if every usable camera were there
+        every = np.flatnonzero(self.problem.constraints.usable())
+        self._bounded(EVERYWHERE, proof.known.objective.value(every))
+        with shortened(run, 0.25 * total):
+            self._search()
+        with shortened(run, max(0.1 * total, min(2.0, 0.5 * total)) if limited else DEAR_S):
+            self._relax()
+        if self.problem.constraints.budget == 0 or run.out_of_time():
+            return not run.out_of_time()
+        try:
+            proof.prepare()
+        except ValueError as error:  # views too long
+            self.stats["diagram"] = str(error)
+            return not run.out_of_time()
+        finished = proof.refine()
+        self._bounded(proof.stats()["bound_from"], proof.bound)
+        self.stats["sweeps"] = proof.sweeps
+        return finished
+
+    def _search(self) -> None:
+        """Search for a placement; offer what is found."""
+        proof, run = self.proof, self.run
+        found = solve_search(proof.known, run)
+        self.stats["search"] = {k: v for k, v in found.stats.items() if not isinstance(v, dict)}
+        proof.offer(found.selected)
+        if proof.persistent:
+            state = self.problem.objective.state(np.array(proof.incumbent, dtype=np.int64))
+            with shortened(run, min(DEAR_S, 0.5 * run.remaining())):
+                polish(self.problem, run, state)
+            proof.offer(state.selected)
+
+    def _relax(self) -> None:
+        """Bound by the concave relaxation."""
+        proof, run = self.proof, self.run
+        choice = root_choice(self.problem.constraints)
+        fraction = best_fraction(
+            cast("Relaxable", proof.known.objective),
+            choice,
+            Run(run.rng, run.deadline, run.progress),
+            start=np.array(proof.selected, dtype=np.int64),
+            tolerance=TOLERANCE,
+        )
+        self._bounded(RELAXATION, -fraction.bound)
+        if proof.persistent and not run.out_of_time():
+            x = np.where(fraction.x > FAINT, fraction.x, 0.0)
+            objective = cast("Relaxable", self.problem.objective)
+            bound = tangent_bound(objective, self.problem.constraints, x)
+            self._bounded(RELAXATION, -bound)
+
+    def _bounded(self, source: str, bound: float) -> None:
+        """Keep a lower bound on the value, if it is the best so far."""
+        kept = self.stats["bounds"]
+        kept[source] = max(bound, kept.get(source, -math.inf))
+        self.stats["bound_from"] = max(kept, key=kept.__getitem__)
+        publish(self.run, -bound)
