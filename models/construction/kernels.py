@@ -303,4 +303,4 @@ def _cuts(
     a = dx * (before[i, 1] - points[i, 1]) - dy * (before[i, 0] - points[i, 0])
     b = dx * (after[i, 1] - points[i, 1]) - dy * (after[i, 0] - points[i, 0])
     small = 1e-9 * (dx * dx + dy * dy)
-    return (a > small and b < -small) or (a < -small and b > small)
+    return bool((a > small and b < -small) or (a < -small and b > small))

@@ -63,8 +63,8 @@ class Lattice:
         n = len(self.nodes)
         graph: nx.DiGraph[int] = nx.DiGraph()
         graph.add_nodes_from(range(n + 2))
-        for end, (i, j) in ((0, (n, 0)), (0, (n, 1)), (0, (n - 2, n + 1)), (0, (n - 1, n + 1))):
-            graph.add_edge(i, j, weight=0.0, kind=end)
+        for joint in ((n, 0), (n, 1), (n - 2, n + 1), (n - 1, n + 1)):
+            graph.add_edge(*joint, weight=0.0, kind=0)
         plain = self.at_ends.clothoid_m == 0.0
         for i in range(n - 2):
             if time.monotonic() > deadline:
@@ -81,8 +81,8 @@ class Lattice:
                 _HALF_TURN,
                 longest_m,
             )
-            for j in np.flatnonzero(np.isfinite(cost)):
-                graph.add_edge(i, int(j), weight=float(cost[j]), kind=int(kinds[j]))
+            for to in np.flatnonzero(np.isfinite(cost)):
+                graph.add_edge(i, int(to), weight=float(cost[to]), kind=int(kinds[to]))
         return graph, True
 
     def word_of_leg(self, i: int, j: int, kind: int) -> Word:

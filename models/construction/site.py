@@ -45,8 +45,11 @@ def make_site(
     clearance_m: float,
     width_m: float,
     name: str = "road.construct",
+    names: Sequence[str] = (),
 ) -> Site:
     """Check poses and polygons (each (n, 2), closed or not) and prepare them for the search.
+
+    `names` are what messages call the obstacles, by default `name`.obstacles[n].
 
     Raises:
         ValueError: one line that names the field: a NaN, a polygon that crosses itself or has no
@@ -65,9 +68,10 @@ def make_site(
     if not (math.isfinite(width_m) and width_m > 0.0):
         raise ValueError(f"road.width_m must be finite and positive, got {width_m}")
     keep = clearance_m + 0.5 * width_m
-    polygons = [_polygon(ring, f"{name}.obstacles[{n}]") for n, ring in enumerate(obstacles)]
+    names = names or [f"{name}.obstacles[{n}]" for n in range(len(obstacles))]
+    polygons = [_polygon(ring, what) for ring, what in zip(obstacles, names, strict=True)]
     for what, pose in (("start", start), ("goal", goal)):
-        _refuse_too_near(pose, polygons, keep, f"{name}.{what}", name)
+        _refuse_too_near(pose, polygons, keep, f"{name}.{what}", names)
     rings = tuple(_ring(polygon) for polygon in polygons)
     corners = [_corners(ring) for ring in rings]
     return Site(
@@ -103,21 +107,20 @@ def _polygon(ring: ArrayLike, name: str) -> shapely.Polygon:
 
 
 def _refuse_too_near(
-    pose: Pose, polygons: Sequence[shapely.Polygon], keep_m: float, what: str, name: str
+    pose: Pose, polygons: Sequence[shapely.Polygon], keep_m: float, what: str, names: Sequence[str]
 ) -> None:
     point = shapely.Point(pose.x_m, pose.y_m)
     distance = (
         shapely.distance(np.array(polygons, dtype=object), point) if polygons else np.empty(0)
     )
-    for n in np.flatnonzero(distance < keep_m - 1e-9):
+    for n in np.flatnonzero(distance < keep_m - 1e-9).tolist():
         if distance[n] == 0.0:
             raise ValueError(
-                f"{what} must lie outside the obstacles, got {_shown(pose)}, "
-                f"inside {name}.obstacles[{n}]"
+                f"{what} must lie outside the obstacles, got {_shown(pose)}, inside {names[n]}"
             )
         raise ValueError(
             f"{what} must keep {keep_m:g} m (clearance and half the width) from "
-            f"{name}.obstacles[{n}], got {distance[n]:.4g} m"
+            f"{names[n]}, got {distance[n]:.4g} m"
         )
 
 
