@@ -20,6 +20,7 @@ import numpy as np
 from models.geometry import FloatArray, IntArray
 from placement.bounds.cuts import Cuts, joined
 from placement.bounds.matroid import Choice
+from placement.interrupts import asked_to_stop
 from placement.quiet import quiet_stdout
 
 highspy: Any = _highspy  # its stubs lack most of what it has
@@ -166,4 +167,11 @@ def _quiet_highs(threads: int) -> Any:
     highs.setOptionValue("output_flag", False)
     highs.setOptionValue("threads", threads)
     highs.changeObjectiveSense(highspy.ObjSense.kMaximize)
+    highs.cbSimplexInterrupt.subscribe(_stop_if_asked)
     return highs
+
+
+def _stop_if_asked(event: Any) -> None:
+    """End a linear program once Ctrl-C was pressed; being called, Python sees the signal."""
+    if asked_to_stop():
+        event.interrupt()

@@ -1,4 +1,4 @@
-"""Branch-and-cut for `localisation` and `coverage`: exact given time, and anytime.
+"""Branch-and-cut for `localisation`, `coverage` and `entropy`: exact given time, and anytime.
 
 A mixed-integer program with one level z_t for each sample and submodular and tangent cuts on it
 (`bounds.cuts`), added only where violated. Each node's linear program is HiGHS's; each node's
@@ -8,6 +8,9 @@ out for good: on `winding` with ten cameras 92 of 10,440 remain after the root.
 
 `coverage` has cuts of its own (`bounds.coverage_cuts`); where its weights are whole numbers a
 bound of 1000.7 is one of 1000, which closes most nodes.
+
+`entropy` is no sum over samples: one level stands for all of it, with cuts on it as a whole
+(`bounds.whole_cuts`), from the optimum of the concave relaxation on.
 """
 
 from __future__ import annotations
@@ -20,6 +23,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from models.geometry import FloatArray, IntArray
+from placement.bounds.concave import best_fraction
 from placement.bounds.coverage_cuts import CoverageCuts, merged, restricted_coverage
 from placement.bounds.cut_program import CutProgram, Fraction
 from placement.bounds.cuts import CutMaker, Cuts, joined
@@ -31,9 +35,11 @@ from placement.bounds.matroid import (
     using,
     without,
 )
-from placement.bounds.restrict import restricted_objective
+from placement.bounds.restrict import restricted_information, restricted_objective
 from placement.bounds.tangent import cut_bound
+from placement.bounds.whole_cuts import WholeCutMaker
 from placement.objectives.coverage import Coverage
+from placement.objectives.entropy import Entropy
 from placement.objectives.localisation import Localisation
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
@@ -49,20 +55,21 @@ WHOLE = 1e-6  # an x this near 0 or 1 is taken for it
 LEAVE_TIME_S = 0.2  # for the verb's own checks, out of the time limit
 
 
-Cuttable = Localisation | Coverage
+Cuttable = Localisation | Coverage | Entropy
+Maker = CutMaker | CoverageCuts | WholeCutMaker
 
 
 def solve_mip(problem: Problem, run: Run) -> Proposal:
     """Cut, fix and branch until the incumbent is proven best or time is up.
 
     Raises:
-        ValueError: for an objective other than `localisation` and `coverage`, or one of those
-            that counts shares of looks.
+        ValueError: for another objective, or `coverage` that counts shares of looks.
     """
     objective = problem.objective
-    if not isinstance(objective, Localisation | Coverage):
+    if not isinstance(objective, Localisation | Coverage | Entropy):
         raise ValueError(
-            f"method mip needs the objective localisation or coverage, got {objective.name}"
+            "method mip needs the objective localisation, coverage or entropy, "
+            f"got {objective.name}"
         )
     if isinstance(objective, Coverage) and objective.partial and objective.times > 1:
         raise ValueError("method mip needs coverage without partial")
@@ -96,27 +103,52 @@ class Search:
     # original numbers of those that are left, and nodes and cuts speak of positions in it.
     _keep: IntArray = field(init=False)
     _objective: Cuttable = field(init=False)
-    _maker: CutMaker | CoverageCuts = field(init=False)
+    _maker: Maker = field(init=False)
     _program: CutProgram = field(init=False)
 
     def start(self) -> None:
         """Find an incumbent by greedy and swaps, and open the root."""
         self._offer(_first_placement(self.problem, self.objective, self.run))
         root = root_choice(self.problem.constraints)
-        # A candidate that no sample hears from adds nothing: leave it out unless it must be in.
-        deaf = np.diff(self.objective.indptr) == 0
-        deaf[self.problem.constraints.required] = False
         self._keep = np.arange(self.objective.n_candidates)
         self._objective = self.objective
         if isinstance(self.objective, Coverage):
             self._objective = merged(self.objective)
             root = without(root, CoverageCuts(self._objective).useless(self.problem.constraints))
         self._maker = _cut_maker(self._objective)
-        root = without(root, deaf)
         selected = np.array(self.incumbent, dtype=np.int64)
-        cuts = joined([self._maker.submodular(selected[:0]), self._maker.submodular(selected)])
-        self._program = CutProgram(root, cuts, self._objective.information.n_samples)
-        self._push(np.inf, root)
+        cuts = [self._maker.submodular(selected[:0]), self._maker.submodular(selected)]
+        # A candidate that no sample hears from adds nothing: leave it out unless it must be in.
+        deaf = np.ones(self.objective.n_candidates, dtype=np.bool_)
+        deaf[cuts[0].candidate] = False
+        deaf[self.problem.constraints.required] = False
+        root = without(root, deaf)
+        bound = np.inf
+        if isinstance(self._maker, WholeCutMaker):
+            root, bound, tangent = self._relaxed(root, selected, self._maker)
+            cuts.append(tangent)
+        self._program = CutProgram(root, joined(cuts), _n_levels(self._objective))
+        self._push(bound, root)
+
+    def _relaxed(
+        self, root: Choice, selected: IntArray, maker: WholeCutMaker
+    ) -> tuple[Choice, float, Cuts]:
+        """Solve the concave relaxation: who is left of `root`, a bound, and the first cut."""
+        self.run.progress("solving the concave relaxation", None)
+        inner = Run(self.run.rng, deadline=self.run.deadline - LEAVE_TIME_S)
+        found = best_fraction(
+            maker.objective,
+            root,
+            inner,
+            beat=self._threshold(),
+            start=selected,
+            report=self._publish,
+        )
+        # who was struck may hold placements of up to the threshold
+        bound = max(found.bound, self._threshold())
+        self.root_bound = bound
+        self._publish(bound)
+        return found.choice, bound, maker.tangent(found.x)
 
     def explore(self) -> bool:
         """Work through the open nodes, the highest bound first; return whether none is left."""
@@ -162,7 +194,7 @@ class Search:
                 program.cuts,
                 fraction.multiplier,
                 choice,
-                self._objective.information.n_samples,
+                _n_levels(self._objective),
                 fraction.price,
             )
             node_bound = self._reachable(node_bound)
@@ -299,14 +331,11 @@ class Search:
         position[keep] = np.arange(keep.size)
         self._open = [(b, serial, restricted_choice(c, keep)) for b, serial, c in self._open]
         self._keep = self._keep[keep]
-        if isinstance(self._objective, Coverage):
-            self._objective = restricted_coverage(self._objective, keep)
-        else:
-            self._objective = restricted_objective(self._objective, keep)
+        self._objective = _restricted(self._objective, keep)
         self._maker = _cut_maker(self._objective)
         cuts = self._program.cuts.renumbered(position)
         everything = restricted_choice(replace(choice, allowed=allowed), keep)
-        self._program = CutProgram(everything, cuts, self._objective.information.n_samples)
+        self._program = CutProgram(everything, cuts, _n_levels(self._objective))
         return restricted_choice(choice, keep)
 
     def _push(self, bound: float, choice: Choice) -> None:
@@ -346,8 +375,32 @@ class Search:
         return self._remaining() <= 0.0
 
 
-def _cut_maker(objective: Cuttable) -> CutMaker | CoverageCuts:
-    return CoverageCuts(objective) if isinstance(objective, Coverage) else CutMaker(objective)
+def _cut_maker(objective: Cuttable) -> Maker:
+    """Cut sample by sample where the score is a sum over samples, else as a whole."""
+    if isinstance(objective, Coverage):
+        return CoverageCuts(objective)
+    return CutMaker(objective) if isinstance(objective, Localisation) else WholeCutMaker(objective)
+
+
+def _n_levels(objective: Cuttable) -> int:
+    """Return how many terms the score is a sum of."""
+    if isinstance(objective, Localisation | Coverage):
+        return objective.information.n_samples
+    return 1
+
+
+def _restricted(objective: Cuttable, keep: IntArray) -> Cuttable:
+    """Return the same objective over the candidates `keep` alone."""
+    if isinstance(objective, Coverage):
+        return restricted_coverage(objective, keep)
+    if isinstance(objective, Localisation):
+        return restricted_objective(objective, keep)
+    return Entropy(
+        [
+            replace(drive, information=restricted_information(drive.information, keep))
+            for drive in objective.drives
+        ]
+    )
 
 
 def _first_placement(problem: Problem, objective: Cuttable, run: Run) -> IntArray:
