@@ -22,6 +22,11 @@ from placement.solution import Proposal, Status
 # with rounding, so the lowest index among them wins.
 TIE = 1e-9
 _BATCH = 64  # candidates looked at again at a time
+_POOL = 4096  # candidates that are looked at first, where there are many more
+# A bound is a pass over all candidates. Where a bound a step would look at more than this many, it
+# is made only every few steps, and at the last: a million candidates and a thousand cameras took
+# 45 s of which bounds were two thirds.
+_BOUND_WORK = 50_000_000
 
 
 def solve_greedy(problem: Problem, run: Run) -> Proposal:
@@ -66,8 +71,11 @@ def _climb(
         state.add(int(candidate))
     run.incumbent = state.selected
     upper = UpperGains(state, lazy=problem.objective.submodular, per_gain=per_gain)
+    steps_a_bound = 1 + constraints.n * constraints.budget // _BOUND_WORK
     while not run.out_of_time():
-        if problem.objective.submodular:
+        placed = len(state.selected)
+        last = placed >= constraints.budget
+        if problem.objective.submodular and (last or placed % steps_a_bound == 0):
             tighten_bound(problem, run, upper)
         best = upper.argmax(np.flatnonzero(constraints.addable(_array(state.selected))))
         if best is None:
@@ -119,6 +127,8 @@ class UpperGains:
         self.gains: FloatArray = state.gains().copy()
         self._fresh = np.ones(len(self.gains), dtype=np.bool_)
         self.evaluations = len(self.gains)
+        self._pool: IntArray = np.empty(0, dtype=np.int64)
+        self._outside = np.inf  # no candidate outside the pool gains more
 
     def forget(self) -> None:
         """Tell that the state has grown."""
@@ -135,9 +145,33 @@ class UpperGains:
             self.evaluations += rows.size
 
     def argmax(self, candidates: IntArray) -> int | None:
-        """Return the candidate of greatest gain, the lowest index on a tie; None if none gains."""
+        """Return the candidate of greatest gain, the lowest index on a tie; None if none gains.
+
+        Of very many candidates a pool of the most promising is looked at first: known gains only
+        fall, so who beats all that was known outside when the pool was made need not look there.
+        """
         if not self.lazy:
             self.refresh(candidates)
+        if self.lazy and candidates.size > 4 * _POOL:
+            for _ in range(2):
+                place = np.minimum(np.searchsorted(candidates, self._pool), candidates.size - 1)
+                best = self._argmax(self._pool[candidates[place] == self._pool])
+                if best is not None and self._worth(best) * (1.0 - TIE) > self._outside:
+                    return best
+                self._fill_pool()
+        return self._argmax(candidates)
+
+    def _worth(self, candidate: int) -> float:
+        per_gain = 1.0 if self.per_gain is None else self.per_gain[candidate]
+        return float(self.gains[candidate] * per_gain)
+
+    def _fill_pool(self) -> None:
+        worth = self.gains if self.per_gain is None else self.gains * self.per_gain
+        order = np.argpartition(-worth, _POOL)
+        self._pool = np.sort(order[:_POOL])
+        self._outside = float(np.max(worth[order[_POOL:]]))
+
+    def _argmax(self, candidates: IntArray) -> int | None:
         while candidates.size:
             gains = self.gains[candidates]
             if self.per_gain is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from placement.constraints import count_only
 from placement.information import Information
 from placement.objectives.localisation import Localisation
 from placement.problem import Problem, Run
+from placement.solvers import greedy
 from placement.solvers.greedy import climb
 
 Make = Callable[..., Any]
@@ -105,3 +107,33 @@ def test_gains_that_grow_are_seen_where_the_objective_is_not_submodular() -> Non
     # 2 is worth most alone; then 3, which had been worth no more than any other, completes it.
     assert state.selected == [2, 3, 0]
     assert run.score_bound is None
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("money", [False, True])
+def test_a_pool_of_the_promising_changes_no_step(
+    seed: int, money: bool, new_problem: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng([seed, money])
+    problem = new_problem(rng, n_candidates=300, n_samples=80, budget=25, groups=bool(seed % 2))
+    if money:
+        prices = replace(problem.constraints, cost=rng.uniform(0.5, 2.0, 300), money=15.0)
+        problem = replace(problem, constraints=prices)
+    whole = climb(problem, Run(np.random.default_rng(0)))[0].selected
+    monkeypatch.setattr(greedy, "_POOL", 7)
+    assert climb(problem, Run(np.random.default_rng(0)))[0].selected == whole
+
+
+def test_bounds_made_every_few_steps_hold_and_end_with_the_last(
+    new_problem: Make, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = new_problem(np.random.default_rng(1), n_candidates=60, n_samples=60, budget=10)
+    every = Run(np.random.default_rng(0))
+    state = climb(problem, every)[0]
+    monkeypatch.setattr(greedy, "_BOUND_WORK", 150)
+    some = Run(np.random.default_rng(0))
+    climb(problem, some)
+    assert every.score_bound is not None
+    assert some.score_bound is not None
+    assert state.score <= every.score_bound <= some.score_bound
+    assert some.score_bound <= every.score_bound * 1.2
