@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -26,28 +26,23 @@ _NOTHING_M = 1e-9  # a piece this short is none
 class Bend:
     """Say how sharp bends are: `radius_m` ρ, clothoids `clothoid_m` c; 0 for plain arcs.
 
-    `shift_m` p and `lead_m` t follow.
+    `shift_m` p is how much wider the arc is that this bend replaces, `lead_m` t how long before
+    that arc it begins.
     """
 
     radius_m: float
     clothoid_m: float = 0.0
+    shift_m: float = field(init=False, default=0.0)
+    lead_m: float = field(init=False, default=0.0)
 
-    @property
-    def shift_m(self) -> float:
-        """How much wider the arc is that this bend replaces."""
-        if not self.clothoid_m:
-            return 0.0
-        _, y = _end(self.clothoid_m, 1.0 / self.radius_m)
-        turn = 0.5 * self.clothoid_m / self.radius_m
-        return y + self.radius_m * math.cos(turn) - self.radius_m
-
-    @property
-    def lead_m(self) -> float:
-        """How long before that arc this bend begins."""
-        if not self.clothoid_m:
-            return 0.0
-        x, _ = _end(self.clothoid_m, 1.0 / self.radius_m)
-        return x - self.radius_m * math.sin(0.5 * self.clothoid_m / self.radius_m)
+    def __post_init__(self) -> None:
+        """Work out the shift and the lead once."""
+        if self.clothoid_m:
+            x, y = _end(self.clothoid_m, 1.0 / self.radius_m)
+            turn = 0.5 * self.clothoid_m / self.radius_m
+            shift = y + self.radius_m * math.cos(turn) - self.radius_m
+            object.__setattr__(self, "shift_m", shift)
+            object.__setattr__(self, "lead_m", x - self.radius_m * math.sin(turn))
 
     @property
     def wide_m(self) -> float:
