@@ -117,6 +117,7 @@ class RoadNetwork:
     obstacles: buildings. georeference: how to get back to the file's own coordinates.
     ignored: what the reader left out, by name, how often. source: the format's name.
     centreline: the whole road with both its edges, if the file holds one road and nothing else.
+    notes: what else the reader has to say, a line each.
     """
 
     edges: tuple[Edge, ...]
@@ -127,6 +128,7 @@ class RoadNetwork:
     ignored: Mapping[str, int] = field(default_factory=dict)
     source: str = ""
     centreline: Road | None = None
+    notes: tuple[str, ...] = ()
 
     @cached_property
     def graph(self) -> nx.MultiDiGraph[str]:

@@ -32,6 +32,10 @@ STUDIES: dict[str, Study] = {
         "reports.error_model:run",
         "how accurate one camera is: coverage, components, resolution, installation",
     ),
+    "camera-sets": Study(
+        "reports.camera_sets:run",
+        "what each method finds for 1 to 20 cameras, and which objective foretells the car",
+    ),
     "closed-loop": Study(
         "reports.closed_loop:run",
         "how far dead reckoning drifts, and which filter's covariance tells the truth",

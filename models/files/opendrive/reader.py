@@ -89,7 +89,17 @@ def read_opendrive(path: str | Path) -> RoadNetwork:
         ignored={what: count for what, count in found.ignored.items() if count},
         source="OpenDRIVE",
         centreline=whole_road(roads[0]) if len(roads) == 1 else None,
+        notes=(_joints(roads),),
     )
+
+
+def _joints(roads: list[RoadRecord]) -> str:
+    """Say how well the pieces of reference lines meet."""
+    joints = [road.line.joints() for road in roads]
+    gap = max(float(each.gap_m.max(initial=0.0)) for each in joints)
+    turn = max(float(each.turn_rad.max(initial=0.0)) for each in joints)
+    count = sum(len(each.gap_m) for each in joints)
+    return f"{count} joints of reference lines close to {gap:.1e} m and {turn:.1e} rad"
 
 
 def _georeference(element: Element, path: Path, ignored: Counter[str]) -> Georeference:
