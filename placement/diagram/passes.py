@@ -138,8 +138,8 @@ class Diagram:
     ) -> Outcome | None:
         """Sweep once, forgetting placements that cost `threshold` or more in sum.
 
-        Given thresholds (k + 1,), one a budget, the sweep bounds every budget at once: a root at
-        count k − b has b cameras left, and costs are counted from minus its threshold.
+        Given thresholds (k + 1,), one a budget, the sweep bounds all these budgets at once (but for
+        those of −∞): a root at count k − b has b cameras left, its cost is minus its threshold.
 
         Improves `bounds` and the table; the table of sweeps with lower thresholds is forgotten.
         Return None if storage ran out.
@@ -150,9 +150,12 @@ class Diagram:
         start = time.monotonic()
         k, t = self.budget, self.drive.n_samples
         several = isinstance(threshold, np.ndarray)
-        asked = list(range(k, -1, -1)) if several else [k]  # by count of the root: 0, 1, …
         thresholds = np.full(k + 1, -np.inf)
-        thresholds[asked] = np.broadcast_to(threshold, k + 1)[asked]
+        if several:
+            thresholds[:] = threshold
+        else:
+            thresholds[k] = threshold
+        asked = np.flatnonzero(thresholds > -np.inf)[::-1]  # by count of the root, k − b
         if np.any(thresholds > (1.0 + ROUNDING) * self.thresholds):
             self._forget(thresholds)
         thresholds = np.minimum(thresholds, self.thresholds)
@@ -168,9 +171,9 @@ class Diagram:
             slots,
             probing,
         )
-        starts = -thresholds[asked] if several and not probing else np.zeros(len(asked))
-        for m, cost in enumerate(starts):
-            add_root(storage.pool, storage.counter, m, float(cost), self.drive.p0)
+        starts = -thresholds[asked] if several and not probing else np.zeros(asked.size)
+        for b, cost in zip(asked, starts, strict=True):
+            add_root(storage.pool, storage.counter, int(k - b), float(cost), self.drive.p0)
         hope = np.zeros((t + 1, k + 2))
         hopes(self.road, self.views.span, table, self.cuts, hope)
         bin_epsilon = np.zeros(k + 1)
@@ -194,7 +197,9 @@ class Diagram:
         )
         found = np.full(k + 1, np.nan)
         found[asked] = nodes.togo[roots] * (1.0 - ROUNDING)
-        paths = {b: self._path(int(r), best_arc, arcs) for b, r in zip(asked, roots, strict=True)}
+        paths = {
+            int(b): self._path(int(r), best_arc, arcs) for b, r in zip(asked, roots, strict=True)
+        }
         found = np.minimum(found, thresholds)  # the rest was forgotten
         self.bounds = np.fmax(self.bounds, found)
         self.thresholds = thresholds
