@@ -17,6 +17,7 @@ from placement.solution import Solution, Status
 if TYPE_CHECKING:
     from placement.assemble import Scene
     from placement.budget_curve import BudgetCurve
+    from placement.construction import Choice
     from placement.prediction import Prediction
     from placement.validation import Validation
 
@@ -33,9 +34,17 @@ LEFT_BEHIND = (
     "consistency.png",
     "consistency.svg",
     "map.png",
+    "cameras.geojson",
+    "cameras.add.xml",
+    "bill_of_materials.csv",
+    "coverage.png",
+    "coverage.svg",
     "map.svg",
     "index.html",
     "problem.npz",
+    "pareto.csv",
+    "pareto.png",
+    "pareto.svg",
 )
 # Endings of bare information problems, and of tables of experiments.
 BARE = (".npz", ".csv", ".tsv", ".txt", ".dat")
@@ -108,8 +117,15 @@ def solve_into(
         from placement.prediction import predict
         from placement.solve import solve
 
-        scene = assemble(instance)
         curve: dict[str, Content] = {}
+        if instance.road.constructed is not None and instance.road.constructed.pieces is None:
+            from placement.construction import choose_road
+
+            choice = choose_road(
+                instance, method, time_limit_s=time_limit_s, seed=seed, progress=report
+            )
+            instance, curve = choice.instance, _front_files(choice)
+        scene = assemble(instance)
         if budgets is None:
             solution = solve(
                 scene.problem,
@@ -129,7 +145,7 @@ def solve_into(
                 seed=seed,
                 progress=report,
             )
-            solution, curve = found.solutions[-1], _curve_files(found)
+            solution, curve = found.solutions[-1], {**curve, **_curve_files(found)}
         report("writing", None)
         prediction = None
         if solution.status.has_placement:
@@ -252,6 +268,17 @@ def _curve_files(curve: BudgetCurve) -> dict[str, Content]:
         for entry in sorted(entry_points(group="placement.curves"), key=lambda e: e.name):
             draw: Callable[[BudgetCurve], dict[str, Content]] = entry.load()
             files |= draw(curve)
+    return files
+
+
+def _front_files(choice: Choice) -> dict[str, Content]:
+    """Lay out the roads to choose from: their table, and what `placement.fronts` draws of them."""
+    from placement.output import to_csv
+
+    files: dict[str, Content] = {"pareto.csv": to_csv(choice.table())}
+    for entry in sorted(entry_points(group="placement.fronts"), key=lambda e: e.name):
+        draw: Callable[[Choice], dict[str, Content]] = entry.load()
+        files |= draw(choice)
     return files
 
 

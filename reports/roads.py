@@ -130,9 +130,9 @@ def as_geojson(network: RoadNetwork) -> dict[str, Any]:
     """Return carriageways and buildings as GeoJSON in the file's own coordinates."""
     from models.files.geojson_out import collection, feature
 
-    where = network.georeference
+    where, edges = network.georeference, network.edges
     features = []
-    for edge in network.edges:
+    for edge in edges:
         line = where.to_file(edge.lanes[0].outline)
         features.append(
             feature(
@@ -151,6 +151,12 @@ def as_geojson(network: RoadNetwork) -> dict[str, Any]:
                 },
             )
         )
+    # Turns, too, so that whoever reads this back finds the carriageways connected.
+    for turn in network.turns:
+        if turn.path is not None:
+            about = {"turn": True, "oneway": True, "lanes": 1, "from": edges[turn.from_edge].name}
+            line = where.to_file(turn.path.outline)
+            features.append(feature("LineString", line, where, about))
     for ring, height in zip(network.obstacles.rings, network.obstacles.height_m, strict=True):
         corners = where.to_file(_closed(ring))
         features.append(feature("Polygon", corners, where, {"height_m": float(height)}))

@@ -1,0 +1,62 @@
+"""The coverage map: every sample of every drive by how well a car there is placed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from placement.output import cameras_seeing
+from placement.prediction import predict
+from reports.style import BLACK, GREY, VERMILION, saved, style
+
+if TYPE_CHECKING:
+    from placement.atomic import Content
+    from placement.commands import Result
+
+_MOST_DRIVES = 60  # drawn; the others lie on the same streets
+_LEAST_SIGMA_M = 1e-4
+_MARGIN_M = 30.0
+
+
+def draw(result: Result) -> dict[str, Content]:
+    """Draw predicted error and unseen road: `coverage.png` and `coverage.svg`."""
+    with style():
+        figure = Figure(figsize=(9.0, 8.0))
+        axes = figure.subplots()
+        scene, selected = result.scene, result.solution.selected
+        xy, sigma, seen = [], [], []
+        for n, journey in enumerate(scene.journeys[:_MOST_DRIVES]):
+            along = result.prediction if n == 0 else predict(scene, selected, n)
+            xy.append(journey.points.xy)
+            sigma.append(np.maximum(along.position_sigma_m, _LEAST_SIGMA_M))
+            seen.append(cameras_seeing(journey.information, selected) > 0)
+        places, errors, covered = np.vstack(xy), np.concatenate(sigma), np.concatenate(seen)
+        low, high = places.min(axis=0) - _MARGIN_M, places.max(axis=0) + _MARGIN_M
+        near = [
+            ring
+            for ring in scene.obstacles.rings
+            if np.all(ring.max(axis=0) > low) and np.all(ring.min(axis=0) < high)
+        ]
+        axes.add_collection(PolyCollection(near, facecolors=GREY, alpha=0.35, linewidths=0))
+        axes.plot(*places[~covered].T, ".", color=BLACK, markersize=1.0, label="seen by no camera")
+        norm = LogNorm(float(errors.min()), float(max(errors.max(), 1.01 * errors.min())))
+        drawn = axes.scatter(*places.T, c=errors, norm=norm, s=3.0, cmap="viridis", linewidths=0)
+        figure.colorbar(drawn, ax=axes, label="predicted rms position error (m)", shrink=0.7)
+        chosen = np.array(sorted(selected), dtype=np.int64)
+        cameras = scene.candidates.cameras.subset(chosen)
+        axes.plot(cameras.x_m, cameras.y_m, "^", color=VERMILION, markersize=4, label="camera")
+        axes.set_xlim(low[0], high[0])
+        axes.set_ylim(low[1], high[1])
+        axes.set_aspect("equal", adjustable="box")
+        axes.set_xlabel("east x (m)")
+        axes.set_ylabel("north y (m)")
+        axes.legend(loc="best")
+        axes.set_title(
+            f"{100.0 * float(np.mean(covered)):.1f} % of the samples are seen by a camera"
+            + ("" if len(scene.journeys) <= _MOST_DRIVES else f" (first {_MOST_DRIVES} drives)")
+        )
+        return {"coverage.png": saved(figure, "png"), "coverage.svg": saved(figure, "svg")}

@@ -1,0 +1,125 @@
+"""What planners open next: cameras as GeoJSON and in SUMO, a bill of materials, a coverage map."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from models.files.geojson_out import collection, feature
+from models.files.sumo_out import Shape, additional_file
+from models.footprints import footprint_polygon
+from placement.output import cameras_table, to_csv
+from placement.roadway import file_network, georeference_of
+from reports.coverage_map import draw
+
+if TYPE_CHECKING:
+    from models.geometry import FloatArray
+    from placement.atomic import Content
+    from placement.commands import Result
+
+_CAMERA, _SEEN = "213,94,0", "86,180,233,90"  # vermilion; sky blue, a third opaque
+
+
+def write(result: Result) -> dict[str, Content]:
+    """Return `cameras.geojson`, `bill_of_materials.csv`, `coverage.png` and `.svg`.
+
+    With a road from SUMO also `cameras.add.xml`, which its own programs load beside the network.
+    """
+    table = cameras_table(result.scene, result.solution)
+    outlines = _footprints(result)
+    files: dict[str, Content] = {
+        "cameras.geojson": json.dumps(_as_geojson(result, table, outlines)) + "\n",
+        "bill_of_materials.csv": to_csv(bill_of_materials(result)),
+    }
+    network = file_network(result.scene.instance)
+    if network is not None and network.source == "SUMO":
+        files["cameras.add.xml"] = additional_file(
+            _shapes(table, outlines),
+            f"cameras placed on {result.scene.instance.files['road.file'].name}",
+        )
+    return files | draw(result)
+
+
+def bill_of_materials(result: Result) -> pd.DataFrame:
+    """Return one row an item: poles, each type of camera, and what single poses cost beyond.
+
+    Columns `item, type, quantity, unit_cost, cost`; costs are 0 where nothing has a price. The
+    last row is the total, which is the solution's.
+    """
+    scene = result.scene
+    candidates, chosen = scene.candidates, np.array(sorted(result.solution.selected), np.int64)
+    rows: list[dict[str, Any]] = []
+    kinds = candidates.kind[chosen]
+    prices = np.array([candidates.kinds[kind].price for kind in kinds], dtype=np.float64)
+    mounts = candidates.cost[chosen] - prices
+    for cost in sorted(set(np.round(mounts, 9).tolist())):
+        count = int(np.sum(np.round(mounts, 9) == cost))
+        rows.append(_item("mounting of a camera", "", count, cost))
+    for kind in sorted(set(kinds.tolist())):
+        each = candidates.kinds[kind]
+        name = each.name or f"{each.hfov_deg:g}° × {each.vfov_deg:g}°"
+        label = f"{name}, {each.width_px} × {each.height_px} px"
+        rows.append(_item("camera", label, int(np.sum(kinds == kind)), each.price))
+    constraints = scene.problem.constraints
+    total = float(candidates.cost[chosen].sum())
+    if constraints.cost is not None:
+        whole = constraints.total_cost(chosen)
+        if abs(whole - total) > 1e-9 * max(1.0, whole):
+            rows.append(_item("costs of single poses (budget.costs)", "", 1, whole - total))
+        total = whole
+    poles = len(set(candidates.mount[chosen].tolist()))
+    rows.insert(0, _item("pole in use", "", poles, 0.0))
+    rows.append(_item("total", "", len(chosen), total / max(len(chosen), 1)))
+    return pd.DataFrame(rows)
+
+
+def _item(item: str, kind: str, quantity: int, unit: float) -> dict[str, Any]:
+    return {
+        "item": item,
+        "type": kind,
+        "quantity": quantity,
+        "unit_cost": unit,
+        "cost": quantity * unit,
+    }
+
+
+def _footprints(result: Result) -> list[FloatArray]:
+    """Return what each camera's image covers of the ground, (m, 2) or (0, 2)."""
+    scene = result.scene
+    chosen = np.array(sorted(result.solution.selected), dtype=np.int64)
+    cameras = scene.candidates.cameras.subset(chosen)
+    reach = scene.instance.camera.max_range_m
+    return [footprint_polygon(cameras, i, reach) for i in range(len(chosen))]
+
+
+def _as_geojson(result: Result, table: pd.DataFrame, outlines: list[FloatArray]) -> dict[str, Any]:
+    """Return a point a camera and a polygon a footprint, in the road file's own coordinates."""
+    where = georeference_of(result.scene.instance)
+    features = []
+    places = table[["x_m", "y_m"]].to_numpy(dtype=np.float64)
+    for n, (row, outline) in enumerate(zip(table.to_dict("records"), outlines, strict=True)):
+        about = {"camera": n, **{str(key): value for key, value in row.items()}}
+        point = where.to_file(places[n : n + 1])
+        features.append(feature("Point", point, where, {**about, "what": "camera"}))
+        if len(outline):
+            ring = where.to_file(np.vstack((outline, outline[:1])))
+            features.append(feature("Polygon", ring, where, {"camera": n, "what": "footprint"}))
+    return collection(features, where)
+
+
+def _shapes(table: pd.DataFrame, outlines: list[FloatArray]) -> list[Shape]:
+    """Return points and footprints in the network's own metres."""
+    shapes = []
+    for n, (row, outline) in enumerate(zip(table.to_dict("records"), outlines, strict=True)):
+        about = tuple(
+            (str(key), f"{value:.10g}" if isinstance(value, float) else str(value))
+            for key, value in row.items()
+        )
+        place = np.array([[row["x_m"], row["y_m"]]])
+        shapes.append(Shape(f"camera_{n}", "camera", place, _CAMERA, 11.0, about))
+        if len(outline):
+            shapes.append(Shape(f"footprint_{n}", "camera.footprint", outline, _SEEN, 9.0))
+    return shapes
