@@ -42,9 +42,9 @@ def draw(result: Result) -> dict[str, Content]:
             if np.all(ring.max(axis=0) > low) and np.all(ring.min(axis=0) < high)
         ]
         axes.add_collection(PolyCollection(near, facecolors=GREY, alpha=0.35, linewidths=0))
-        axes.plot(*places[~covered].T, ".", color=BLACK, markersize=1.0, label="seen by no camera")
         norm = LogNorm(float(errors.min()), float(max(errors.max(), 1.01 * errors.min())))
         drawn = axes.scatter(*places.T, c=errors, norm=norm, s=3.0, cmap="viridis", linewidths=0)
+        axes.plot(*places[~covered].T, ".", color=BLACK, markersize=1.2, label="seen by no camera")
         figure.colorbar(drawn, ax=axes, label="predicted rms position error (m)", shrink=0.7)
         chosen = np.array(sorted(selected), dtype=np.int64)
         cameras = scene.candidates.cameras.subset(chosen)

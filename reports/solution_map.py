@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 # A footprint may reach the horizon; the picture cuts it where the car is no longer placed well.
 DRAWN_RANGE_M = 60.0
+_EDGE_STEP_M = 0.1
 _MARGIN_M = 100.0  # buildings are drawn this far beyond the road
 
 
@@ -37,8 +38,11 @@ def draw_map(axes: Axes, result: Result) -> None:
     left, right = scene.road.half_widths(points.s_m)
     normal = np.column_stack((-np.sin(points.heading_rad), np.cos(points.heading_rad)))
     edges = (points.xy + left[:, None] * normal, points.xy - right[:, None] * normal)
+    jumps = np.hypot(*np.diff(points.xy, axis=0).T) > 2.0 * np.diff(points.s_m) + _EDGE_STEP_M
     for edge in edges:
         ring = np.vstack((edge, edge[:1])) if scene.road.closed else edge
+        # All streets of a network are one road, which jumps: no line from one to the next.
+        ring = np.insert(ring, np.flatnonzero(jumps) + 1, np.nan, axis=0)
         axes.plot(ring[:, 0], ring[:, 1], color=BLACK, linewidth=0.6)
     if len(scene.journeys) > 1:
         for n, journey in enumerate(scene.journeys):
