@@ -1,0 +1,127 @@
+"""What every pose of a city tells about every sample, chunk by chunk of neighbouring mounts.
+
+A chunk needs the samples and buildings within reach of its mounts and nothing else, so that it is
+a task of a few megabytes, wherever it is run. Poses that see nothing, or that another of their
+mount dominates, are dropped before anything is stored.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.errors import ErrorModel
+from models.geometry import BoolArray, FloatArray
+from models.obstacles import Obstacles
+from models.roads import RoadPoints
+from placement.city.dominance import undominated
+from placement.city.mounts import NetworkMounts
+from placement.information import compute_information
+from placement.information.chunks import Chunk
+
+CHUNK_MOUNTS = 512
+
+
+@dataclass(frozen=True, slots=True)
+class ChunkTask:
+    """Hold all that one chunk is made from: some mounts, and the city within their reach.
+
+    first: the first mount's number in the whole city. place (t,): which samples `points` are.
+    """
+
+    first: int
+    mounts: NetworkMounts
+    points: RoadPoints
+    place: FloatArray
+    obstacles: Obstacles
+    errors: ErrorModel
+    max_range_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """Hold a city: mounts, samples, buildings, and how cameras measure."""
+
+    mounts: NetworkMounts
+    points: RoadPoints
+    obstacles: Obstacles
+    errors: ErrorModel
+    max_range_m: float
+
+    @property
+    def n_chunks(self) -> int:
+        """How many chunks of `CHUNK_MOUNTS` mounts there are."""
+        return -(-len(self.mounts) // CHUNK_MOUNTS)
+
+
+def chunk_task(site: Site, number: int) -> ChunkTask:
+    """Cut what chunk `number` needs out of the city."""
+    first = number * CHUNK_MOUNTS
+    here = slice(first, min(first + CHUNK_MOUNTS, len(site.mounts)))
+    m = site.mounts
+    part = NetworkMounts(
+        m.x_m[here],
+        m.y_m[here],
+        m.heading_rad[here],
+        m.s_m[here],
+        m.edge[here],
+        m.poses,
+        m.size_px,
+        m.projection,
+    )
+    low = np.array([part.x_m.min(), part.y_m.min()]) - 1.001 * site.max_range_m
+    high = np.array([part.x_m.max(), part.y_m.max()]) + 1.001 * site.max_range_m
+    p = site.points
+    inside = (p.x_m >= low[0]) & (p.x_m <= high[0]) & (p.y_m >= low[1]) & (p.y_m <= high[1])
+    # Of one quarter's box other streets' mounts take most: keep what is near one of these.
+    place = np.flatnonzero(inside)
+    place = place[_within_reach(p.xy[place], part, site.max_range_m)]
+    points = RoadPoints(
+        *(
+            np.ascontiguousarray(column[place])
+            for column in (p.s_m, p.x_m, p.y_m, p.heading_rad, p.curvature)
+        )
+    )
+    boxes = [(ring.min(axis=0), ring.max(axis=0)) for ring in site.obstacles.rings]
+    near = [
+        i for i, (least, most) in enumerate(boxes) if np.all(most >= low) and np.all(least <= high)
+    ]
+    obstacles = Obstacles(
+        tuple(site.obstacles.rings[i] for i in near), site.obstacles.height_m[near]
+    )
+    return ChunkTask(
+        first, part, points, place.astype(np.int64), obstacles, site.errors, site.max_range_m
+    )
+
+
+def compute_chunk(task: ChunkTask) -> bytes:
+    """Compute a chunk and return it as it is stored; one thread, the same bytes anywhere."""
+    poses = len(task.mounts.poses)
+    candidates = np.arange(len(task.mounts) * poses)
+    found = compute_information(
+        task.mounts.cameras(candidates),
+        task.points,
+        task.errors,
+        task.max_range_m,
+        obstacles=task.obstacles,
+        workers=1,
+    )
+    keep = undominated(candidates // poses, found.indptr, found.indices, found.blocks)
+    rows = np.flatnonzero(keep)
+    entries = np.repeat(keep, np.diff(found.indptr))
+    counts = np.diff(found.indptr)[rows]
+    return Chunk(
+        rows + task.first * poses,
+        np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+        task.place[found.indices[entries]].astype(np.int32),
+        found.blocks[entries],
+    ).as_bytes()
+
+
+def _within_reach(xy: FloatArray, mounts: NetworkMounts, reach_m: float) -> BoolArray:
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(np.column_stack([mounts.x_m, mounts.y_m]))
+    near: BoolArray = np.isfinite(tree.query(xy, distance_upper_bound=1.001 * reach_m)[0])
+    return near

@@ -1,0 +1,228 @@
+"""Where work runs: here, in processes of this machine, or on a Dask cluster that exists.
+
+Work is a function of a module and a list of tasks, each a picklable value that needs nothing else;
+its results do not depend on where, in which order, or how many at a time they are computed. Serial
+is the default and needs neither processes nor Dask.
+
+A process that dies takes its task back to the queue. Who was in flight with it may have killed it,
+so each of those runs alone until it is done or has killed three processes: then it is named.
+"""
+
+from __future__ import annotations
+
+import importlib
+import multiprocessing
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any, Protocol, TypeVar
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
+
+ATTEMPTS = 3
+_PATIENCE_S = 10.0  # for a scheduler to answer
+
+
+class Work(Protocol):
+    """A place that runs tasks."""
+
+    def run(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], name: str
+    ) -> Iterator[tuple[int, Result]]:
+        """Yield (i, function(tasks[i])) as they come, each i once; `name` is for messages.
+
+        Raises:
+            ValueError: naming a task that killed three workers in a row.
+        """
+
+    def close(self) -> None:
+        """Let processes and connections go."""
+
+
+class Serial:
+    """Run tasks here, one after the other."""
+
+    def run(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], name: str
+    ) -> Iterator[tuple[int, Result]]:
+        """See `Work`."""
+        del name  # nothing can die here but the program
+        for i in range(len(tasks)):
+            yield i, function(tasks[i])
+
+    def close(self) -> None:
+        """See `Work`."""
+
+
+class Processes:
+    """Run tasks in `workers` processes of this machine."""
+
+    def __init__(self, workers: int) -> None:
+        """Start nothing yet."""
+        if workers < 1:
+            raise ValueError(f"--workers must be at least 1, got {workers}")
+        self.workers = workers
+        self._pool: ProcessPoolExecutor | None = None
+
+    def run(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], name: str
+    ) -> Iterator[tuple[int, Result]]:
+        """See `Work`; tasks are fetched as there is room for them, so a lazy sequence stays so."""
+        attempts = [0] * len(tasks)
+        waiting = list(range(len(tasks) - 1, -1, -1))  # taken from the end
+        suspects: list[int] = []
+        running: dict[Future[Any], int] = {}
+        try:
+            while waiting or suspects or running:
+                if suspects and not running:
+                    self._submit(running, function, tasks, suspects.pop())
+                while not suspects and waiting and len(running) < self.workers:
+                    if any(attempts[i] for i in running.values()):
+                        break  # a suspect is running, alone
+                    self._submit(running, function, tasks, waiting.pop())
+                done, _ = wait(running, return_when=FIRST_COMPLETED)
+                broken = [future for future in done if _died(future)]
+                for future in done:
+                    if future not in broken:
+                        yield running.pop(future), future.result()
+                if broken:
+                    self._restart()
+                    for i in sorted(running.values(), reverse=True):
+                        attempts[i] += 1
+                        if attempts[i] >= ATTEMPTS:
+                            raise ValueError(
+                                f"{name}: task {i} killed a worker {ATTEMPTS} times: out of "
+                                "memory? Nothing else was running in the last two"
+                            )
+                        suspects.append(i)
+                    running.clear()
+        finally:
+            for future in running:
+                future.cancel()
+
+    def close(self) -> None:
+        """See `Work`."""
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+            self._pool = None
+
+    def _submit(
+        self,
+        running: dict[Future[Any], int],
+        function: Callable[[Any], Any],
+        tasks: Sequence[Any],
+        i: int,
+    ) -> None:
+        task = tasks[i]
+        for _ in range(2):  # a pool may have broken while nobody looked
+            if self._pool is None:
+                # Spawned: forking a process that has threads of compiled code is not safe.
+                context = multiprocessing.get_context("spawn")
+                self._pool = ProcessPoolExecutor(self.workers, mp_context=context)
+            try:
+                running[self._pool.submit(function, task)] = i
+            except BrokenProcessPool:
+                self._restart()
+            else:
+                return
+
+    def _restart(self) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+        self._pool = None
+
+
+class DaskCluster:
+    """Run tasks on the Dask cluster whose scheduler is at `address`."""
+
+    def __init__(self, address: str) -> None:
+        """Connect.
+
+        Raises:
+            ValueError: if Dask is not installed, or nobody answers at the address.
+        """
+        try:
+            distributed = _distributed()
+        except ImportError:
+            raise ValueError(
+                "--cluster needs Dask: install the extra `cluster` (dask and distributed)"
+            ) from None
+        try:
+            self._client = distributed.Client(
+                address, timeout=_PATIENCE_S, set_as_default=False, security=_security(address)
+            )
+        except (OSError, ValueError, TypeError, RuntimeError) as error:
+            reason = " ".join(str(error).split())[:120] or type(error).__name__
+            raise ValueError(
+                f"--cluster must be the address of a Dask scheduler that answers, got {address} "
+                f"({reason})"
+            ) from None
+
+    def run(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], name: str
+    ) -> Iterator[tuple[int, Result]]:
+        """See `Work`; the scheduler brings a dead worker's tasks to another."""
+        distributed = _distributed()
+        ahead = 2 * max(1, len(self._client.scheduler_info(n_workers=-1)["workers"])) + 2
+        following = iter(range(len(tasks)))
+        running: dict[Any, int] = {}
+        queue = distributed.as_completed()
+
+        def submit() -> None:
+            for i in following:
+                future = self._client.submit(
+                    function, tasks[i], pure=False, key=f"{name}-{i}-{id(queue):x}"
+                )
+                running[future] = i
+                queue.add(future)
+                return
+
+        for _ in range(ahead):
+            submit()
+        while running:
+            future = next(queue)
+            i = running.pop(future)
+            try:
+                result = future.result()
+            except distributed.KilledWorker as error:
+                raise ValueError(
+                    f"{name}: task {i} killed every worker it was given to: out of memory? "
+                    f"({' '.join(str(error).split())[:200]})"
+                ) from None
+            yield i, result
+            future.release()
+            submit()
+
+    def close(self) -> None:
+        """See `Work`: the cluster itself stays."""
+        self._client.close()
+
+
+def work_at(workers: int | None = None, cluster: str | None = None) -> Work:
+    """Return where work runs: here, in `workers` processes, or at the address `cluster`.
+
+    Raises:
+        ValueError: if both are given, or as the place's own constructor does.
+    """
+    if cluster is not None:
+        if workers is not None:
+            raise ValueError("--workers and --cluster must not both be given")
+        return DaskCluster(cluster)
+    return Serial() if workers is None else Processes(workers)
+
+
+def _died(future: Future[Any]) -> bool:
+    return isinstance(future.exception(), BrokenProcessPool)
+
+
+def _security(address: str) -> Any:
+    """Return the certificates that Dask's own configuration names, for tls:// addresses."""
+    if not address.startswith("tls://"):
+        return None
+    return _distributed().Security()
+
+
+def _distributed() -> Any:
+    """Import Dask's scheduler client, which has no types, only when a cluster is asked for."""
+    return importlib.import_module("distributed")
