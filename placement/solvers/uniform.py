@@ -6,6 +6,8 @@ import numpy as np
 
 from models.geometry import FloatArray
 from placement.bounds.linear import best_sum
+from placement.objectives.tolerance import Tolerance
+from placement.objectives.trace import Trace
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
 from placement.solvers.greedy import TIE
@@ -17,7 +19,8 @@ def solve_uniform(problem: Problem, run: Run) -> Proposal:
     Each takes the free mount nearest along the path to its place (either side, the earlier on a
     tie) and there the pose with the greatest gain over the empty placement. Required cameras
     stand in for the places nearest to them. Where money or separation leave no room for all, it
-    starts again with one camera fewer. Nothing is proven, nothing is optimised jointly.
+    starts again with one camera fewer. Nothing is proven, nothing is optimised jointly. For
+    `tolerance` it takes the fewest that are in tolerance.
 
     Raises:
         ValueError: where the candidates have no place along a road.
@@ -26,6 +29,8 @@ def solve_uniform(problem: Problem, run: Run) -> Proposal:
         raise ValueError(
             "method 'uniform' needs candidates along a road, and this problem has none"
         )
+    if isinstance(problem.objective, Tolerance):
+        return _fewest(problem, problem.objective, run)
     constraints = problem.constraints
     alone = problem.objective.state().gains()
     fitting, _ = best_sum(constraints, np.ones(constraints.n))  # a budget may exceed the mounts
@@ -38,6 +43,24 @@ def solve_uniform(problem: Problem, run: Run) -> Proposal:
             break
     run.incumbent = list(selected)
     return Proposal(selected, None, Status.TIME_LIMIT if run.out_of_time() else Status.FEASIBLE)
+
+
+def _fewest(problem: Problem, objective: Tolerance, run: Run) -> Proposal:
+    """Return the first count whose equal spacing is in tolerance; there may be none.
+
+    The best pose at a place is the one that alone lowers the mean lateral variance most.
+    """
+    alone = Trace(objective.drives, "lateral").state().gains()
+    required = [int(i) for i in np.unique(problem.constraints.required)]
+    for k in range(len(required), problem.constraints.budget + 1):
+        selected = _spread(problem, run, alone, k)
+        if run.out_of_time() or len(selected) < k:
+            break
+        if objective.feasible(np.array(selected, dtype=np.int64)):
+            run.incumbent = selected
+            return Proposal(selected)
+        run.progress(f"{k} cameras are too few", k / problem.constraints.budget)
+    return Proposal(required, None, Status.TIME_LIMIT if run.out_of_time() else Status.FEASIBLE)
 
 
 def _spread(problem: Problem, run: Run, alone: FloatArray, k: int) -> list[int]:
