@@ -6,6 +6,7 @@ cannot be part of one is left out, so later stages see fewer nodes and arcs.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,10 +38,25 @@ class Stage:
     prices: tuple[Priced, ...] = ()
 
 
-def first_stage(windows: Windows, budget: int) -> Stage:
-    """Bound to first order, for every count up to `budget` at once."""
+class OutOfTimeError(Exception):
+    """Time is up between two tables; what there is of them is of no use."""
+
+
+def first_stage(
+    windows: Windows, budget: int, out_of_time: Callable[[], bool] = lambda: False
+) -> Stage:
+    """Bound to first order, for every count up to `budget` at once.
+
+    Raises:
+        OutOfTimeError: once `out_of_time()` says so; it is asked between the tables, on 50,000
+            poses about once a second.
+    """
     arcs = pair_arcs(windows)
+    if out_of_time():
+        raise OutOfTimeError
     F = first_order.forward(windows, arcs, budget)
+    if out_of_time():
+        raise OutOfTimeError
     B = first_order.backward(windows, arcs, budget)
     bound = float(np.max(first_order.through(F, B), initial=0.0)) if budget else 0.0
     return Stage(np.arange(len(windows)), windows, arcs, budget, F, B, bound)

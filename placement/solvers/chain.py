@@ -23,6 +23,7 @@ from placement.chain import second_order
 from placement.chain.labels import MOST_LABELS
 from placement.chain.segments import improve_by_stretches
 from placement.chain.stages import (
+    OutOfTimeError,
     Stage,
     eliminated,
     first_path,
@@ -65,7 +66,10 @@ def solve_chain(problem: Problem, run: Run) -> Proposal:
             f"method chain needs the objective localisation, got {problem.objective.name}"
         )
     search = ChainSearch(problem, problem.objective, run)
-    finished = search.run_stages()
+    try:
+        finished = search.run_stages()
+    except OutOfTimeError:
+        finished = False
     return Proposal(
         search.incumbent,
         run.score_bound,
@@ -105,7 +109,7 @@ class ChainSearch:
             return True
         self.allowance = _allowance(windows, budget)
         self.run.progress("chain bound, first order", None)
-        stage = first_stage(windows, budget)
+        stage = first_stage(windows, budget, self._out_of_time)
         self._publish(stage.bound, "chain, first order")
         self.stats["first_order_bound"] = stage.bound
         self._offer(windows.candidate[first_path(stage)], polishing=True)
@@ -136,7 +140,8 @@ class ChainSearch:
                 break
         self.stats["candidates_left"] = len(left)
         left, _ = reordered(left, best[1])
-        stage = self._eliminated(first_stage(left, min(self._budget, len(left))))
+        count = min(self._budget, len(left))
+        stage = self._eliminated(first_stage(left, count, self._out_of_time))
         for _ in range(3):
             before = len(stage.arcs)
             stage = self._priced(stage, price)
@@ -152,7 +157,7 @@ class ChainSearch:
     ) -> tuple[Windows, float, float]:
         """Bound to first and second order; return what is left, the best price, the bound."""
         windows, _ = reordered(windows, power)
-        stage = first_stage(windows, min(self._budget, len(windows)))
+        stage = first_stage(windows, min(self._budget, len(windows)), self._out_of_time)
         self._publish(stage.bound, f"chain, first order, power {power}")
         stage = self._eliminated(stage)
         # The first order's price is a rough guess, another order's a good one.

@@ -12,6 +12,7 @@ candidate its own probability; the best of several draws is polished by swaps.
 from __future__ import annotations
 
 import importlib
+import threading
 import warnings
 from typing import Any
 
@@ -28,10 +29,12 @@ from placement.objectives.localisation import Localisation
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
 from placement.solvers.exchange import polish
+from placement.solvers.greedy import climb
 
 DRAWS = 20
 CONDITIONAL_STEPS = 300
 WALL = 1e-6
+LOOK_S = 0.02  # how often to look whether the conic solver is done
 
 
 def solve_relaxation(problem: Problem, run: Run) -> Proposal:
@@ -48,7 +51,10 @@ def solve_relaxation(problem: Problem, run: Run) -> Proposal:
         raise ValueError(
             f"method relaxation needs an objective with a concave relaxation, got {objective.name}"
         )
-    run.incumbent = [int(i) for i in np.unique(constraints.required)]
+    # Something to return if time ends before anything is rounded; no part of the method else.
+    aside = Run(run.rng, run.deadline, run.progress)
+    greedy = climb(problem, aside)[0].selected
+    run.incumbent = greedy
     run.progress("solving the concave relaxation", None)
     x, stats = _conic_choice(objective, constraints, run)
     if x is None:
@@ -56,7 +62,8 @@ def solve_relaxation(problem: Problem, run: Run) -> Proposal:
         stats["relaxation"] = "conditional gradient"
     run.score_bound = tangent_bound(objective, constraints, x)
     stats["fractional"] = int(np.sum((x > 1e-6) & (x < 1.0 - 1e-6)))
-    best, best_score = run.incumbent, -np.inf
+    best: list[int] = []
+    best_score = -np.inf
     for draw in range(DRAWS):
         if run.out_of_time():
             break
@@ -66,13 +73,29 @@ def solve_relaxation(problem: Problem, run: Run) -> Proposal:
         score = objective.state(selected).score
         if score > best_score:
             best, best_score = [int(i) for i in selected], score
-            run.incumbent = best
+    if run.out_of_time():
+        return _in_a_hurry(problem, run, aside, [best, greedy], stats)
     stats["rounded_score"] = best_score
     state = problem.objective.state(np.array(best, dtype=np.int64))
     stats["swaps"], settled = polish(problem, run, state)
-    return Proposal(
-        state.selected, run.score_bound, Status.FEASIBLE if settled else Status.TIME_LIMIT, stats
-    )
+    if not settled:
+        return _in_a_hurry(problem, run, aside, [state.selected, greedy], stats)
+    return Proposal(state.selected, run.score_bound, Status.FEASIBLE, stats)
+
+
+def _in_a_hurry(
+    problem: Problem, run: Run, aside: Run, placements: list[list[int]], stats: dict[str, Any]
+) -> Proposal:
+    """Return the best of `placements`; where no bound is there yet, greedy's."""
+    rules, objective = problem.constraints, problem.objective
+    sign = 1.0 if objective.maximise else -1.0
+    valid = [p for p in placements if not rules.violations(p)]
+    best = max(valid, key=lambda p: sign * objective.value(np.array(p, dtype=np.int64)))
+    if aside.score_bound is not None and (
+        run.score_bound is None or aside.score_bound < run.score_bound
+    ):
+        run.score_bound = aside.score_bound
+    return Proposal(best, run.score_bound, Status.TIME_LIMIT, stats)
 
 
 def conditional_gradient(objective: Relaxable, constraints: Constraints, run: Run) -> FloatArray:
@@ -94,14 +117,14 @@ def conditional_gradient(objective: Relaxable, constraints: Constraints, run: Ru
         if bound - score <= 1e-6 * abs(score) or run.out_of_time():
             break
         run.progress("climbing the concave relaxation", step / CONDITIONAL_STEPS)
-        x = x + _line_search(objective, x, towards - x) * (towards - x)
+        x = x + _line_search(objective, x, towards - x, run) * (towards - x)
     return best_x
 
 
-def _line_search(objective: Relaxable, x: FloatArray, direction: FloatArray) -> float:
+def _line_search(objective: Relaxable, x: FloatArray, direction: FloatArray, run: Run) -> float:
     """Return the step in [0, 1] at which the score stops rising along `direction`, to 1e-4."""
     low, high = 0.0, 1.0
-    while high - low > 1e-4:
+    while high - low > 1e-4 and not run.out_of_time():
         middle = (low + high) / 2.0
         if float(objective.relaxed(x + middle * direction)[1] @ direction) > 0.0:
             low = middle
@@ -122,12 +145,25 @@ def _conic_choice(
     score, cones = _concave_score(objective, x)
     problem = cp.Problem(cp.Maximize(score), [*cones, *_matroid_constraints(constraints, x)])
     options = {} if np.isinf(run.deadline) else {"time_limit": max(run.remaining(), 0.05)}
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # "may be inaccurate": the bound is certified anyway
+    failures: list[Exception] = []
+
+    def work() -> None:
         try:
             problem.solve(solver=cp.CLARABEL, **options)
-        except cp.SolverError:
-            return None, {"conic_status": "solver error"}
+        except (cp.SolverError, ArithmeticError, ValueError) as error:
+            failures.append(error)
+
+    # Neither cvxpy's own preparations nor Clarabel look at our clock: they are left behind.
+    thread = threading.Thread(target=work, daemon=True)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # "may be inaccurate": the bound is certified anyway
+        thread.start()
+        while thread.is_alive() and not run.out_of_time():
+            thread.join(LOOK_S)
+    if thread.is_alive():
+        return None, {"conic_status": "left behind: out of time"}
+    if failures:
+        return None, {"conic_status": f"solver error: {failures[0]}"}
     if x.value is None or not np.all(np.isfinite(x.value)):
         return None, {"conic_status": str(problem.status)}
     # An interior point never touches its walls; the tangent is sharpest at the walls themselves.
