@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -11,14 +12,17 @@ from typing import Any
 import numpy as np
 
 from models.geometry import FloatArray, IntArray
-from placement.city.greedy import first_gains, lazy_greedy
+from placement.city.greedy import first_gains, lazy_greedy, stochastic_greedy
 from placement.city.information import ChunkTask, Site, chunk_task, compute_chunk
+from placement.city.partitions import partitioned_greedy
 from placement.city.prices import RegionPrice, certificate, price_region
 from placement.city.regions import region_tasks
 from placement.cluster import Serial, Work
 from placement.information.chunks import Chunk, ChunkStore, fill, gather
 
 Report = Callable[[str, float | None], None]
+METHODS = ("lazy", "partitions", "stochastic")
+_EPSILON = 0.01  # of stochastic greedy
 _STEPS = 150  # of mirror descent for the certificate; 300 gain 0.02 %
 _ABOVE = 0.9  # candidates that gain less alone than this share of the price are left to the floor
 
@@ -127,15 +131,33 @@ def solve_city(
     problem: CityProblem,
     budget: int,
     *,
+    method: str = "lazy",
+    seed: int = 0,
     work: Work | None = None,
     progress: Report | None = None,
     steps: int = _STEPS,
 ) -> CitySolution:
-    """Place `budget` cameras, one a mount, by lazy greedy; prove by priced cuts how good it is."""
+    """Place `budget` cameras, one a mount, by greedy; prove by priced cuts how good that is.
+
+    method: `lazy`; `partitions`, in two rounds, the first of which runs on `work`; or `stochastic`.
+
+    Raises:
+        ValueError: for another method or a budget that is not positive.
+    """
+    if method not in METHODS:
+        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method}")
+    if budget < 1:
+        raise ValueError(f"budget.cameras must be at least 1, got {budget}")
     report = progress or _silent
     started = time.monotonic()
-    report("greedy", None)
-    alone, chosen, gains, computed = greedy(problem, budget)
+    report(f"greedy ({method})", None)
+    alone = alone_gains(problem)
+    if method == "partitions":
+        chosen, gains = partitioned_greedy(problem, budget, work or Serial())
+    elif method == "stochastic":
+        chosen, gains = sampled(problem, budget, np.random.default_rng(seed))
+    else:
+        chosen, gains = greedy(problem, budget, alone)
     placed = time.monotonic()
     value = problem.value(chosen)
     last = float(gains[-1]) if len(gains) == budget else 0.0
@@ -148,7 +170,7 @@ def solve_city(
         bound=max(bound, value),
         price=price,
         stats={
-            "rows_computed": computed,
+            "method": method,
             "regions": regions,
             "greedy_seconds": placed - started,
             "certificate_seconds": time.monotonic() - placed,
@@ -156,28 +178,55 @@ def solve_city(
     )
 
 
-def greedy(problem: CityProblem, budget: int) -> tuple[FloatArray, IntArray, FloatArray, int]:
-    """Return what each candidate gains alone, the chosen rows in order, and their gains."""
+def alone_gains(problem: CityProblem) -> FloatArray:
+    """Return what each candidate gains alone, (c,)."""
     c = len(problem.group)
-    sums = np.zeros((problem.n_samples, 3))
     alone = np.empty(c)
-    first_gains(*problem.csr, problem.weights, problem.scale, sums, 0, c, alone)
+    nothing = np.zeros((problem.n_samples, 3))
+    first_gains(*problem.csr, problem.weights, problem.scale, nothing, 0, c, alone)
+    return alone
+
+
+def greedy(problem: CityProblem, budget: int, alone: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return the rows that lazy greedy chooses, in order, and their gains."""
     chosen, gains = np.zeros(budget, np.int64), np.zeros(budget)
-    added, computed = lazy_greedy(
+    added, _ = lazy_greedy(
         *problem.csr,
         problem.weights,
         problem.scale,
         problem.group,
-        np.ones(c, np.bool_),
+        np.ones(len(alone), np.bool_),
         np.zeros(problem.n_mounts, np.bool_),
         budget,
         0.0,
-        sums,
+        np.zeros((problem.n_samples, 3)),
         alone.copy(),
         chosen,
         gains,
     )
-    return alone, chosen[:added], gains[:added], computed
+    return chosen[:added], gains[:added]
+
+
+def sampled(
+    problem: CityProblem, budget: int, rng: np.random.Generator
+) -> tuple[IntArray, FloatArray]:
+    """Return the rows that stochastic greedy chooses, in order, and their gains."""
+    chosen, gains = np.zeros(budget, np.int64), np.zeros(budget)
+    sample = math.ceil(len(problem.group) / budget * math.log(1.0 / _EPSILON))
+    added = stochastic_greedy(
+        *problem.csr,
+        problem.weights,
+        problem.scale,
+        problem.group,
+        np.zeros(problem.n_mounts, np.bool_),
+        budget,
+        sample,
+        rng,
+        np.zeros((problem.n_samples, 3)),
+        chosen,
+        gains,
+    )
+    return chosen[:added], gains[:added]
 
 
 def prove(

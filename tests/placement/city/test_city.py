@@ -19,7 +19,9 @@ from placement.city.mounts import network_mounts, network_order
 from placement.city.prices import certificate, price_region
 from placement.city.regions import region_tasks
 from placement.city.solve import (
+    METHODS,
     CityProblem,
+    alone_gains,
     compute_city,
     greedy,
     load_city,
@@ -192,7 +194,7 @@ def test_the_value_is_the_objectives_own(problem: CityProblem) -> None:
 
 
 def test_lazy_greedy_takes_the_best_candidate_every_time(problem: CityProblem) -> None:
-    _, chosen, gains, _ = greedy(problem, 8)
+    chosen, gains = greedy(problem, 8, alone_gains(problem))
     for n in range(8):
         before = problem.value(chosen[:n])
         free = np.flatnonzero(~np.isin(problem.group, problem.group[chosen[:n]]))
@@ -200,11 +202,12 @@ def test_lazy_greedy_takes_the_best_candidate_every_time(problem: CityProblem) -
         assert gains[n] == pytest.approx(every.max(), rel=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_no_placement_beats_the_certificate(seed: int) -> None:
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("seed", range(6))
+def test_no_placement_beats_the_certificate(seed: int, method: str) -> None:
     problem = small_problem(np.random.default_rng(seed))
     for budget in (1, 2, 4):
-        solution = solve_city(problem, budget)
+        solution = solve_city(problem, budget, method=method)
         best = best_of_all(problem, budget)
         assert solution.value <= best + 1e-9
         assert solution.bound >= best
@@ -217,7 +220,8 @@ def test_regions_that_share_samples_still_add_up_to_a_bound(
 ) -> None:
     monkeypatch.setattr("placement.city.regions.REGION_ENTRIES", 1)
     problem = small_problem(np.random.default_rng(seed), c=12)
-    alone, chosen, gains, _ = greedy(problem, 3)
+    alone = alone_gains(problem)
+    chosen, gains = greedy(problem, 3, alone)
     bound, _, _ = prove(problem, 3, alone, chosen, float(gains[-1]), Serial())
     assert bound >= best_of_all(problem, 3)
     # Cut apart by force, mount by mount: looser, and still a bound.
@@ -251,6 +255,19 @@ def test_the_certificate_of_a_small_city_is_close(problem: CityProblem) -> None:
     solution = solve_city(problem, 10)
     assert 0.0 <= solution.gap <= 0.05
     assert solution.price > 0.0
+
+
+def test_partitions_find_almost_what_greedy_finds(problem: CityProblem) -> None:
+    whole = solve_city(problem, 10).value
+    assert solve_city(problem, 10, method="partitions").value >= 0.97 * whole
+    assert solve_city(problem, 10, method="stochastic").value >= 0.9 * whole
+
+
+def test_unknown_methods_and_empty_budgets_are_refused(problem: CityProblem) -> None:
+    with pytest.raises(ValueError, match="method must be one of lazy, partitions, stochastic"):
+        solve_city(problem, 3, method="magic")
+    with pytest.raises(ValueError, match=r"budget\.cameras must be at least 1, got 0"):
+        solve_city(problem, 0)
 
 
 def test_a_stop_and_a_resume_compute_no_chunk_twice(
