@@ -81,7 +81,7 @@ def tiny_subject(case: Case) -> Subject:
     """Return a problem like that of `case` with a dozen candidates, to load code on, untimed."""
     kind = case.kind
     if kind == "design":
-        spec = {"generator": "benchmarks.instances.generators:gaussian"}
+        spec: dict[str, Any] = {"generator": "benchmarks.instances.generators:gaussian"}
         arguments = {"n": 3, "c": 12, "budget": 3, "prior": 1.0, "seed": 0}
         return load_subject(Case("tiny", "design", {**spec, "arguments": arguments}))
     if kind == "synthetic":

@@ -26,7 +26,7 @@ _POOL = 4096  # candidates that are looked at first, where there are many more
 # A bound is a pass over all candidates. Where a bound a step would look at more than this many, it
 # is made only every few steps, and at the last: a million candidates and a thousand cameras took
 # 45 s of which bounds were two thirds.
-_BOUND_WORK = 50_000_000
+_BOUND_WORK = 5_000_000
 
 
 def solve_greedy(problem: Problem, run: Run) -> Proposal:
