@@ -22,38 +22,9 @@ import numpy as np
 from numba import njit
 
 from placement.branch.climb import LOG_DET
+from placement.branch.small import descending, eliminate, sum_squares, times
 
 EPS = 2.220446049250313e-16
-
-
-@njit(cache=True)
-def inverse_factor(M, W):  # type: ignore[no-untyped-def]
-    """Write W = chol(M)⁻¹, lower triangular; False if M is not positive definite in float64."""
-    d = M.shape[0]
-    L = np.zeros((d, d))
-    for a in range(d):
-        for b in range(a + 1):
-            total = M[a, b]
-            for e in range(b):
-                total -= L[a, e] * L[b, e]
-            if a == b:
-                if not total > 0.0:
-                    return False
-                L[a, a] = np.sqrt(total)
-            else:
-                L[a, b] = total / L[b, b]
-    for b in range(d):
-        for a in range(d):
-            if a < b:
-                W[a, b] = 0.0
-            elif a == b:
-                W[a, a] = 1.0 / L[a, a]
-            else:
-                total = 0.0
-                for e in range(b, a):
-                    total -= L[a, e] * W[e, b]
-                W[a, b] = total / L[a, a]
-    return True
 
 
 @njit(cache=True)
@@ -63,10 +34,11 @@ def squares(W, G, r, out):  # type: ignore[no-untyped-def]
     |fl(W f) − W f| ≤ γ |W||f| (Higham 2002, 3.12), γ = (d + 2) ε; the square is off by twice that.
     """
     d, columns = G.shape
-    norm = np.sqrt(np.sum(W * W))
-    product = W @ G
+    norm = np.sqrt(sum_squares(W))
+    product = times(W, G)
     slack = 3.0 * (d + 3) * EPS
-    out[:] = 0.0
+    for i in range(out.size):
+        out[i] = 0.0
     for k in range(columns):
         mine, length = 0.0, 0.0
         for a in range(d):
@@ -76,13 +48,24 @@ def squares(W, G, r, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def total_square(W, G):  # type: ignore[no-untyped-def]
+    """Return ‖W G‖², rounding allowed for as in `squares`."""
+    each = np.empty(G.shape[1])
+    squares(W, G, 1, each)
+    total = 0.0
+    for k in range(each.size):
+        total += each[k]
+    return total
+
+
+@njit(cache=True)
 def log_blocks(W, G, r, ridge, out):  # type: ignore[no-untyped-def]
     """Write log det(G_iᵀ WᵀW G_i + ridge_i I_r) of every candidate, rounding allowed for."""
     d = W.shape[0]
-    product = W @ G
-    norm = np.sqrt(np.sum(W * W))
+    product = times(W, G)
+    norm = np.sqrt(sum_squares(W))
     slack = 3.0 * (d + 3) * EPS
-    block = np.zeros((r, r))
+    block, nothing = np.zeros((r, r)), np.zeros((r, 0))
     for i in range(out.size):
         length, mine = 0.0, 0.0
         for a in range(d):
@@ -99,22 +82,7 @@ def log_blocks(W, G, r, ridge, out):  # type: ignore[no-untyped-def]
         if r == 1:
             out[i] = np.log(block[0, 0])
         else:
-            out[i] = _log_det(block)
-
-
-@njit(cache=True)
-def _log_det(block):  # type: ignore[no-untyped-def]
-    """Return log det of a small positive definite matrix, in place; +∞ if rounding spoils it."""
-    r, total = block.shape[0], 0.0
-    for a in range(r):
-        if not block[a, a] > 0.0:
-            return np.inf
-        total += np.log(block[a, a])
-        for b in range(a + 1, r):
-            share = block[b, a] / block[a, a]
-            for e in range(a + 1, r):
-                block[b, e] -= share * block[a, e]
-    return total
+            out[i] = eliminate(block, nothing)
 
 
 @njit(cache=True)
@@ -126,8 +94,9 @@ def best_sum(worth, group, distinct, m, whole, leave, hold, taken):  # type: ign
     −∞ where `whole` cannot be had.
     """
     p = worth.size
-    order = np.argsort(-worth)
-    taken[:] = False
+    order = descending(worth)
+    for i in range(p):
+        taken[i] = False
     winner = np.full(p, -1, np.int64)  # of each group, its best
     second = np.full(p, -np.inf)  # of each group, the worth of its second
     used = np.zeros(p, np.bool_)

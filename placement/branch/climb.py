@@ -14,6 +14,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from placement.branch.small import times
+
 LOG_DET, TRACE_INVERSE = 0, 1
 _EDGE = 1e-12  # weight this near 0 or 1 is there
 _SINGULAR = 1e-9  # an update that would leave less than this share of a direction is not made
@@ -98,8 +100,9 @@ def climb(kind, theta, slope, G, r, x, m, group, distinct, price, steps, toleran
 def slopes_of(kind, theta, G, r, slope):  # type: ignore[no-untyped-def]
     """Write the derivative of f by each weight: tr FᵀΘF, or tr FᵀΘ²F for −tr M⁻¹."""
     d, columns = G.shape
-    slope[:] = 0.0
-    product = theta @ G
+    for i in range(slope.size):
+        slope[i] = 0.0
+    product = times(theta, G)
     for a in range(d):
         for k in range(columns):
             if kind == LOG_DET:
@@ -112,7 +115,8 @@ def slopes_of(kind, theta, G, r, slope):  # type: ignore[no-untyped-def]
 def _grouped_pair(slope, price, x, group, held, up, down):  # type: ignore[no-untyped-def]
     """Return the best pair to exchange, the best to gain weight, and the best to lose it."""
     p = x.size
-    up[:], down[:] = -1, -1
+    for g in range(p):
+        up[g], down[g] = -1, -1
     into, out = -1, -1
     for a in range(p):
         g, worth = group[a], slope[a] - price[a]
@@ -169,12 +173,26 @@ def _step_size(kind, theta, slope, G, r, i, j, gain, most):  # type: ignore[no-u
 @njit(cache=True)
 def _bend(kind, theta, G, r, i, j):  # type: ignore[no-untyped-def]
     """Return −∂²f / ∂x_i ∂x_j."""
-    left = theta @ np.ascontiguousarray(G[:, i * r : (i + 1) * r])
-    right = np.ascontiguousarray(G[:, j * r : (j + 1) * r])
-    first = left.T @ right
-    if kind == LOG_DET:
-        return np.sum(first * first)
-    return 2.0 * np.sum(first * (left.T @ (theta @ right)))
+    d = theta.shape[0]
+    pulled, twice = np.zeros((r, d)), np.zeros((r, d))  # Θ F_i, Θ² F_i, by rows
+    for k in range(r):
+        for a in range(d):
+            for b in range(d):
+                pulled[k, a] += theta[a, b] * G[b, i * r + k]
+    if kind != LOG_DET:
+        for k in range(r):
+            for a in range(d):
+                for b in range(d):
+                    twice[k, a] += theta[a, b] * pulled[k, b]
+    total = 0.0
+    for k in range(r):
+        for l in range(j * r, (j + 1) * r):  # noqa: E741
+            first, second = 0.0, 0.0
+            for a in range(d):
+                first += pulled[k, a] * G[a, l]
+                second += twice[k, a] * G[a, l]
+            total += first * first if kind == LOG_DET else 2.0 * first * second
+    return total
 
 
 @njit(cache=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from placement.branch.certify import inverse_factor
 from placement.branch.climb import LOG_DET
+from placement.branch.small import eliminate, inverse_factor, log_diagonal, sum_squares
 
 _MARGIN = 1e-11  # a swap must raise the score by this share of it, or two designs take turns
 
@@ -19,8 +19,8 @@ def score_of(kind, base, V, chosen, count):  # type: ignore[no-untyped-def]
     if not inverse_factor(M, W):
         return -np.inf
     if kind == LOG_DET:
-        return -2.0 * np.sum(np.log(np.diag(W)))
-    return -np.sum(W * W)
+        return -2.0 * log_diagonal(W)
+    return -sum_squares(W)
 
 
 @njit(cache=True)
@@ -44,25 +44,49 @@ def gains_over(kind, W, V, out):  # type: ignore[no-untyped-def]
 
     log det(I + FᵀΘF), or tr((I + FᵀΘF)⁻¹ FᵀΘ²F).
     """
-    c, r = V.shape[:2]
+    c, r, n = V.shape
+    half, pulled = np.empty((r, n)), np.empty((r, n))
+    block, right = np.empty((r, r)), np.empty((r, r))
     for i in range(c):
-        left = V[i] @ W.T  # (r, n)
-        block = left @ left.T
-        if kind == LOG_DET:
-            if r == 1:
-                out[i] = np.log1p(block[0, 0])
-            else:
-                for k in range(r):
-                    block[k, k] += 1.0
-                out[i] = np.log(np.linalg.det(block))
-        else:
-            outer = left @ W
-            if r == 1:
-                out[i] = np.sum(outer * outer) / (1.0 + block[0, 0])
-            else:
-                for k in range(r):
-                    block[k, k] += 1.0
-                out[i] = np.trace(np.linalg.solve(block, outer @ outer.T))
+        out[i] = gain_over(kind, W, V, i, half, pulled, block, right)
+
+
+@njit(cache=True)
+def gain_over(kind, W, V, i, half, pulled, block, right):  # type: ignore[no-untyped-def]
+    """Return candidate i's gain; leaves W F in `half` (r, n), by rows."""
+    r, n = half.shape
+    for k in range(r):
+        for a in range(n):
+            total = 0.0
+            for b in range(a + 1):
+                total += W[a, b] * V[i, k, b]
+            half[k, a] = total
+    for k in range(r):
+        for l in range(k + 1):  # noqa: E741
+            total = 1.0 if k == l else 0.0
+            for a in range(n):
+                total += half[k, a] * half[l, a]
+            block[k, l] = block[l, k] = total
+    for k in range(r):
+        for l in range(r):  # noqa: E741
+            right[k, l] = 0.0
+    if kind == LOG_DET:
+        return np.log(block[0, 0]) if r == 1 else eliminate(block, right)
+    for k in range(r):
+        for b in range(n):
+            total = 0.0
+            for a in range(b, n):
+                total += half[k, a] * W[a, b]
+            pulled[k, b] = total
+    for k in range(r):
+        for l in range(r):  # noqa: E741
+            for a in range(n):
+                right[k, l] += pulled[k, a] * pulled[l, a]
+    eliminate(block, right)
+    total = 0.0
+    for k in range(r):
+        total += right[k, k]
+    return total
 
 
 @njit(cache=True)

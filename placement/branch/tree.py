@@ -10,9 +10,19 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from placement.branch.certify import best_sum, inverse_factor, log_blocks, squares, upper
+from placement.branch.certify import best_sum, log_blocks, squares, total_square, upper
 from placement.branch.climb import LOG_DET, climb, slopes_of
-from placement.branch.swaps import score_of
+from placement.branch.small import (
+    add_weighted,
+    columns_of,
+    descending,
+    gram,
+    inverse_factor,
+    log_diagonal,
+    sum_squares,
+    times,
+)
+from placement.branch.swaps import gain_over, information_of, score_of
 
 FREE, IN, OUT = 0, 1, -1
 _EPS = 2.220446049250313e-16
@@ -44,25 +54,9 @@ def search(
             continue
         nodes += 1
         state, price = states[top].copy(), prices[top]
-        t, p, spent = 0, 0, 0.0
-        full = np.zeros(c, np.bool_)
-        clash = False
-        for i in range(c):
-            if state[i] == IN:
-                T[t] = i
-                t += 1
-                spent += cost[i]
-                clash = clash or full[group[i]]
-                full[group[i]] = True
+        t, p, spent, clash = _read(state, group, cost, purse, priced, T, ids)
         if clash or t > k or (priced and spent > purse):
             continue  # what must be in cannot be in together
-        for i in range(c):
-            if state[i] == FREE:
-                if full[group[i]] or (priced and spent + cost[i] > purse):
-                    state[i] = OUT
-                else:
-                    ids[p] = i
-                    p += 1
         m = k - t
         if priced or m == 0 or p == 0:  # the node's fixed part is a design of its own
             best = _offer(kind, base, V, T, t, best, chosen)
@@ -73,7 +67,9 @@ def search(
             best, reached = _last_ones(kind, base, V, group, ids[:p], T, t, m, best, slack, chosen)
             closed = max(closed, min(bounds[top], reached))
             continue
-        hold, leave, x = hold_all[:p], leave_all[:p], xs[top][ids[:p]]
+        hold, leave, x = hold_all[:p], leave_all[:p], np.empty(p)
+        for a in range(p):
+            x[a] = xs[top, ids[a]]
         bound, total, price, constant, fixed, project = relax(
             kind, projects, base, root, V, group, cost, purse - spent, priced,
             ids[:p], T[:t], m, x, price, best + slack, slack, rounds, hold, leave,
@@ -100,16 +96,18 @@ def search(
                 merit, branch = here, a
         for a in range(p):
             xs[top, ids[a]] = x[a]
+        bounds[top], prices[top] = bound, price
+        for i in range(c):
+            states[top, i] = state[i]
         if branch < 0:  # all is fixed: one more look at what is left
-            states[top], bounds[top], prices[top] = state, bound, price
             top += 1
             continue
         i = ids[branch]
         if top + 2 > bounds.size:  # never: a stack holds at most one node a level
             return -1, nodes, best, np.inf
-        states[top], bounds[top], prices[top] = state, bound, price
-        states[top + 1], bounds[top + 1], prices[top + 1] = state, bound, price
-        xs[top + 1] = xs[top]
+        prices[top + 1] = price
+        for a in range(c):
+            states[top + 1, a], xs[top + 1, a] = state[a], xs[top, a]
         states[top, i], states[top + 1, i] = OUT, IN
         bounds[top] = min(
             bound, upper(kind, project, priced, n, constant, fixed, total - leave[branch])
@@ -119,6 +117,31 @@ def search(
         )
         top += 2
     return top, nodes, best, closed
+
+
+@njit(cache=True)
+def _read(state, group, cost, purse, priced, T, ids):  # type: ignore[no-untyped-def]
+    """List who is in and who is free, striking out in place who cannot join those in any more.
+
+    Return (how many are in, how many free, what those in cost, whether they exclude each other).
+    """
+    t, p, spent, clash = 0, 0, 0.0, False
+    full = np.zeros(state.size, np.bool_)
+    for i in range(state.size):
+        if state[i] == IN:
+            T[t] = i
+            t += 1
+            spent += cost[i]
+            clash = clash or full[group[i]]
+            full[group[i]] = True
+    for i in range(state.size):
+        if state[i] == FREE:
+            if full[group[i]] or (priced and spent + cost[i] > purse):
+                state[i] = OUT
+            else:
+                ids[p] = i
+                p += 1
+    return t, p, spent, clash
 
 
 @njit(cache=True)
@@ -133,31 +156,20 @@ def relax(
     """
     n, r, p, t = V.shape[2], V.shape[1], ids.size, T.size
     project = projects and kind == LOG_DET and not priced and m * r == n - t * r
-    known = np.empty((n, n + t * r))
-    known[:, :n] = root
-    for at in range(t):
-        for e in range(r):
-            known[:, n + at * r + e] = V[T[at], e]
-    F = np.empty((n, p * r))
-    for a in range(p):
-        for e in range(r):
-            F[:, a * r + e] = V[ids[a], e]
+    told, F = columns_of(V, T), columns_of(V, ids)
     start, ridge = 0.0, np.zeros(p)
     if project:
-        start, G, along = _projected(known[:, n:], F, r)
+        start, G, along = _projected(told, F, r)
         d = G.shape[0]
         within = np.eye(d)
     else:
         G, d, along = F, n, ridge
         within = base.copy()
-        for e in range(n, n + t * r):
-            for a in range(n):
-                for b in range(n):
-                    within[a, b] += known[a, e] * known[b, e]
+        add_weighted(within, told, 1, np.ones(t * r))
     local, distinct = _local_groups(group, ids)
     whole = not priced
     worth, prices = np.empty(p), np.zeros(p)
-    slope, fresh, taken = np.empty(p), np.empty(known.shape[1]), np.empty(p, np.bool_)
+    slope, taken = np.empty(p), np.empty(p, np.bool_)
     hold_now, leave_now, kept = np.empty(p), np.empty(p), x.copy()
     W = np.empty((d, d))
     best, best_total, best_constant, best_fixed, best_price = np.inf, 0.0, 0.0, 0.0, price
@@ -166,15 +178,12 @@ def relax(
         _fill(x, local, m)
     for turn in range(rounds):
         M = within.copy()
-        weighted = G.copy()
-        for a in range(p):
-            weighted[:, a * r : (a + 1) * r] *= x[a]
-        M += weighted @ G.T
+        add_weighted(M, G, r, x)
         if not inverse_factor(M, W):
             break
-        theta = W.T @ W
-        logs = -2.0 * np.sum(np.log(np.diag(W)))
-        squares_sum = np.sum(W * W)
+        theta = gram(W)
+        logs = -2.0 * log_diagonal(W)
+        squares_sum = sum_squares(W)
         fixed, constant = 0.0, logs
         if project:
             constant += start
@@ -183,18 +192,14 @@ def relax(
             log_blocks(W, G, r, ridge, worth)
             value = constant
         elif kind == LOG_DET:
-            squares(W, known, 1, fresh)
-            fixed = np.sum(fresh)
+            fixed = total_square(W, root) + total_square(W, told)
             squares(W, G, r, worth)
             value = constant
         else:
-            Y = 0.5 * (theta + theta.T)
-            constant = np.trace(Y) * (1.0 - 4.0 * n * _EPS)
-            squares(Y, known, 1, fresh)
-            fixed = np.sum(fresh)
-            squares(Y, G, r, worth)
+            constant = squares_sum * (1.0 - 8.0 * n * _EPS)  # tr Θ
+            fixed = total_square(theta, root) + total_square(theta, told)
+            squares(theta, G, r, worth)
             value = -squares_sum
-        prices[:] = 0.0
         over = 0.0
         if priced:
             spent = 0.0
@@ -211,7 +216,8 @@ def relax(
         if bound < best:
             best, best_total, best_constant, best_fixed = bound, total, constant, fixed
             best_price = price
-            hold[:], leave[:], kept[:] = hold_now, leave_now, x
+            for a in range(p):
+                hold[a], leave[a], kept[a] = hold_now[a], leave_now[a], x[a]
             if best <= cutoff:
                 break
         gap = bound - value
@@ -240,20 +246,20 @@ def relax(
             kind, theta, slope, G, r, x, m, local, distinct, prices, _STEPS,
             0.2 * enough / max(m, 1),
         )  # fmt: skip
-    x[:] = kept
+    for a in range(p):
+        x[a] = kept[a]
     return best, best_total, best_price, best_constant, best_fixed, project
 
 
 @njit(cache=True)
 def _first_price(worth, cost, ids):  # type: ignore[no-untyped-def]
-    """Return a price to start from: the median worth a unit of money of those that cost any."""
-    ratios = np.empty(ids.size)
-    count = 0
+    """Return a price to start from: the mean worth a unit of money of those that cost any."""
+    total, count = 0.0, 0
     for a in range(ids.size):
         if cost[ids[a]] > 0.0:
-            ratios[count] = worth[a] / cost[ids[a]]
+            total += worth[a] / cost[ids[a]]
             count += 1
-    return np.median(ratios[:count]) if count else 0.0
+    return total / count if count else 0.0
 
 
 @njit(cache=True)
@@ -271,10 +277,13 @@ def _projected(known, F, r):  # type: ignore[no-untyped-def]
     # Householder reflections turn the columns into R and R^n's axes into [V, U].
     R, turned = known.copy(), F.copy()
     for e in range(q):
-        norm = np.sqrt(np.sum(R[e:, e] ** 2))
-        v = R[e:, e].copy()
-        v[0] += norm if v[0] >= 0.0 else -norm
-        square = np.sum(v * v)
+        v, norm = R[e:, e].copy(), 0.0
+        for a in range(n - e):
+            norm += v[a] * v[a]
+        v[0] += np.sqrt(norm) if v[0] >= 0.0 else -np.sqrt(norm)
+        square = 0.0
+        for a in range(n - e):
+            square += v[a] * v[a]
         if square > 0.0:
             for columns in (R, turned):
                 for b in range(columns.shape[1]):
@@ -284,19 +293,19 @@ def _projected(known, F, r):  # type: ignore[no-untyped-def]
                     inner *= 2.0 / square
                     for a in range(n - e):
                         columns[e + a, b] -= inner * v[a]
-    gram = np.eye(q)
+    inside = np.eye(q)
     for a in range(q):
         for b in range(q):
             for e in range(max(a, b), q):
-                gram[a, b] += R[a, e] * R[b, e]
+                inside[a, b] += R[a, e] * R[b, e]
     W = np.empty((q, q))
-    if not inverse_factor(gram, W):
+    if not inverse_factor(inside, W):
         return np.inf, turned[q:].copy(), along
-    inside = W @ turned[:q].copy()
+    inside = times(W, turned[:q].copy())
     for a in range(q):
         for b in range(p * r):
             along[b // r] += inside[a, b] ** 2
-    return -2.0 * np.sum(np.log(np.diag(W))), turned[q:].copy(), along * (1.0 + 1e-9)
+    return -2.0 * log_diagonal(W), turned[q:].copy(), along * (1.0 + 1e-9)
 
 
 @njit(cache=True)
@@ -319,7 +328,8 @@ def _fill(x, local, m):  # type: ignore[no-untyped-def]
     """Scale x to Σ x = m as far as its groups have room, then fill up in order."""
     total = np.sum(x)
     if total > m:
-        x *= m / total
+        for a in range(x.size):
+            x[a] *= m / total
         return
     p = x.size
     for _ in range(4):
@@ -357,8 +367,8 @@ def _offer(kind, base, V, T, t, best, chosen):  # type: ignore[no-untyped-def]
     """Keep a design if it is the best so far; return the best score."""
     score = score_of(kind, base, V, T, t)
     if score > best:
-        chosen[:] = -1
-        chosen[:t] = T[:t]
+        for at in range(chosen.size):
+            chosen[at] = T[at] if at < t else -1
         return score
     return best
 
@@ -367,10 +377,11 @@ def _offer(kind, base, V, T, t, best, chosen):  # type: ignore[no-untyped-def]
 def _round(kind, base, V, group, cost, purse, k, ids, T, t, spent, x, best, chosen):  # type: ignore[no-untyped-def]
     """Offer the design that takes the heaviest of x as long as they fit."""
     design = np.empty(k, np.int64)
-    design[:t] = T[:t]
+    for at in range(t):
+        design[at] = T[at]
     full = np.zeros(group.size, np.bool_)
     count = t
-    for a in np.argsort(-x):
+    for a in descending(x):
         i = ids[a]
         if count == k:
             break
@@ -387,32 +398,17 @@ def _round(kind, base, V, group, cost, purse, k, ids, T, t, spent, x, best, chos
 def _last_ones(kind, base, V, group, ids, T, t, m, best, slack, chosen):  # type: ignore[no-untyped-def]
     """Look at every way to add the last one or two; return the best score and a bound on all."""
     n, r, p = V.shape[2], V.shape[1], ids.size
-    M = base.copy()
-    for at in range(t):
-        for e in range(r):
-            for a in range(n):
-                for b in range(n):
-                    M[a, b] += V[T[at], e, a] * V[T[at], e, b]
     W = np.empty((n, n))
-    if not inverse_factor(M, W):
+    if not inverse_factor(information_of(base, V, T, t), W):
         return best, np.inf
-    half = np.empty((p, r, n))
+    half, pulled = np.empty((p, r, n)), np.empty((r, n))
+    block, right = np.empty((r, r)), np.empty((r, r))
     single = np.empty(p)
     for a in range(p):
-        half[a] = V[ids[a]] @ W.T
-        block = half[a] @ half[a].T
-        if kind == LOG_DET:
-            for e in range(r):
-                block[e, e] += 1.0
-            single[a] = np.log(block[0, 0]) if r == 1 else np.log(np.linalg.det(block))
-        else:
-            outer = half[a] @ W
-            for e in range(r):
-                block[e, e] += 1.0
-            single[a] = np.trace(np.linalg.solve(block, outer @ outer.T))
-    here = -2.0 * np.sum(np.log(np.diag(W))) if kind == LOG_DET else -np.sum(W * W)
+        single[a] = gain_over(kind, W, V, ids[a], half[a], pulled, block, right)
+    here = -2.0 * log_diagonal(W) if kind == LOG_DET else -sum_squares(W)
     reached = -np.inf
-    order = np.argsort(-single)
+    order = descending(single)
     if m == 1:
         T[t] = ids[order[0]]
         return _offer(kind, base, V, T, t + 1, best, chosen), here + single[order[0]] + 1e-9

@@ -104,7 +104,7 @@ def design_of(problem: Problem) -> Design:
         W = inverse_root(objective.prior)
         condition = float(np.trace(objective.prior) * np.sum(W * W))
         doubt = n * float(np.finfo(float).eps) * condition
-        kind, base, root = TRACE_INVERSE, objective.prior, objective.root
+        kind, base, root = TRACE_INVERSE, objective.prior.copy(), objective.root.copy()
         V = np.ascontiguousarray(objective.columns.reshape(n, c, r).transpose(1, 2, 0))
     usable = constraints.usable()
     usable[constraints.required] = True
