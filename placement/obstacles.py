@@ -15,7 +15,7 @@ SUFFIXES = (".geojson", ".json", ".poly.xml", ".poly.xml.gz")
 
 
 def build_obstacles(instance: Instance) -> Obstacles:
-    """Gather the buildings of `road.file`, of `obstacles.polygons` and of `obstacles.file`.
+    """Gather the buildings of `road.file`, `obstacles.*` and `road.construct.obstacles`.
 
     Polygons are all `obstacles.height_m` high. A file is GeoJSON, or SUMO's polygons; it may give
     each building its own height. Its coordinates are those of the road's file where that lies on
@@ -25,7 +25,9 @@ def build_obstacles(instance: Instance) -> Obstacles:
         ValueError: one line that names the file and what is wrong.
     """
     section = instance.obstacles
-    outlines = [(np.array(polygon, dtype=np.float64), ()) for polygon in section.polygons]
+    construct = instance.road.constructed
+    polygons = (*section.polygons, *(construct.obstacles if construct is not None else ()))
+    outlines = [(np.array(polygon, dtype=np.float64), ()) for polygon in polygons]
     given, _, _ = obstacles_from_polygons(outlines, np.full(len(outlines), section.height_m))
     parts = [file_obstacles(instance), given]
     path = instance.files.get("obstacles.file")

@@ -40,6 +40,10 @@ def build_road(instance: Instance) -> Road:
             return road_from_pieces(pieces, width_m=section.width_m, closed=section.closed is True)
         except ValueError as error:
             raise ValueError(f"road.pieces: {error}") from None
+    if section.constructed is not None:
+        from placement.constructed import constructed_road
+
+        return constructed_road(instance)
     network = network_of(instance)
     if network is not None:
         return all_streets(network)

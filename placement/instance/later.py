@@ -30,7 +30,6 @@ def _is(word: str) -> Callable[[object], bool]:
 
 
 LATER = (
-    Later("road.construct", _given, "give road.pieces or road.file"),
     Later("objective.kind", _is("kalman_gain"), 'use "localisation"'),
 )
 

@@ -76,13 +76,43 @@ class PieceSection(Section):
 
 
 class ConstructSection(Section):
-    """A road to be chosen between two poses (x, y, heading_deg), around obstacles."""
+    """A road to be chosen between two poses (x, y, heading_deg), around obstacles.
+
+    Its edges keep `clearance_m` from `obstacles` and from those of `[obstacles]`; both block views.
+    Roads of `radius_factors` × `min_radius_m` are looked for in every homotopy class within
+    `length_factor` of the shortest, as lines and arcs, with clothoids, or `both`; at most
+    `most_roads` are judged with cameras of their own, and `choose` says which of them is built.
+    `pieces` are the road chosen, from `start`: `solve` writes them.
+    """
 
     start: Annotated[tuple[float, float, float], LOOSE]
     goal: Annotated[tuple[float, float, float], LOOSE]
     obstacles: Polygons = ()
     min_radius_m: Reach = 20.0
     clearance_m: NotNegative = 1.0
+    radius_factors: Annotated[
+        tuple[Annotated[float, interval(1.0, 100.0)], ...], LOOSE, NOT_EMPTY_NOR_REPEATING
+    ] = (1.0, 2.0)
+    bends: Literal["arcs", "clothoids", "both"] = "both"
+    clothoid_m: Length | None = None
+    length_factor: Annotated[float, interval(1.0, 10.0)] = 1.5
+    most_roads: Annotated[int, interval(1, 1000)] = 12
+    choose: Literal["error", "length", "cost", "knee"] = "error"
+    cost_per_m: NotNegative = 0.0
+    time_limit_s: Length = 60.0
+    pieces: Annotated[tuple[PieceSection, ...], LOOSE] | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.pieces is not None and not self.pieces:
+            raise refuse("must not be empty", at=("pieces",), got=[])
+        if self.clothoid_m is not None and self.clothoid_m >= math.pi * self.min_radius_m:
+            raise refuse(
+                f"must be below {math.pi * self.min_radius_m:g}, a half turn of min_radius_m",
+                at=("clothoid_m",),
+                got=self.clothoid_m,
+            )
+        return self
 
 
 class RoadSection(Section):
