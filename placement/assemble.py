@@ -17,6 +17,7 @@ from models.obstacles import Obstacles
 from models.roads import Road, RoadPoints
 from models.vehicle import PROFILES, OdometryNoise, from_alphas
 from placement.candidates import Candidates, build_candidates
+from placement.cluster import Work
 from placement.constraints import Constraints, Infeasible
 from placement.information import Information
 from placement.information.join import side_by_side
@@ -71,8 +72,8 @@ def load(path_or_name: str | Path) -> Scene:
     return assemble(load_instance(path_or_name))
 
 
-def assemble(instance: Instance) -> Scene:
-    """Turn an instance into a problem.
+def assemble(instance: Instance, work: Work | None = None) -> Scene:
+    """Turn an instance into a problem; `work` says where its information is computed.
 
     Raises:
         ValueError: one line that names the field at fault, if the instance cannot be built: a road
@@ -85,7 +86,9 @@ def assemble(instance: Instance) -> Scene:
     candidates = build_candidates(instance, road)
     constraints = build_constraints(instance.budget, candidates)
     obstacles = build_obstacles(instance)
-    journeys = build_journeys(instance, road, candidates.cameras, build_errors(instance), obstacles)
+    journeys = build_journeys(
+        instance, road, candidates.cameras, build_errors(instance), obstacles, work
+    )
     if not any(len(journey.information.indices) for journey in journeys):
         raise ValueError(
             f"none of {len(candidates):,} candidate poses reports a position anywhere on the road: "
@@ -254,6 +257,11 @@ def build_constraints(budget: BudgetSection, candidates: Candidates) -> Constrai
         raise Infeasible(
             f"budget.money must pay for one camera, the cheapest of which costs "
             f"{constraints.cost.min():.10g}, got {constraints.money:.10g}"
+        )
+    if not constraints.usable().any():
+        raise Infeasible(
+            f"budget.forbidden must leave one pose to choose, and forbids all {c}; "
+            f"budget.cameras = {budget.cameras} asks for some"
         )
     return constraints
 

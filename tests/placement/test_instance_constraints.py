@@ -114,6 +114,18 @@ def test_groups_of_mounts_hold_one_camera() -> None:
             {"required": [0], "money": 1.0, "costs": [{"mount": 0, "cost": 2.0}]},
             r"1 required poses cost 2 and exceed budget\.money = 1",
         ),
+        (
+            {"forbidden": [{"pitch_deg": 35.0}]},
+            r"budget\.forbidden must leave one pose to choose, and forbids all \d+; budget\.cameras",
+        ),
+        (
+            {"required": [3], "forbidden": [{"pitch_deg": 35.0}]},
+            r"candidate 3 is both required and forbidden",
+        ),
+        (
+            {"required": [0, 4, 8], "cameras": 2},
+            r"3 required poses exceed budget\.cameras = 2",
+        ),
     ],
 )
 def test_contradictions_and_strangers_are_named(budget: dict[str, Any], words: str) -> None:
