@@ -142,15 +142,18 @@ def pull(lattice: Lattice, touches: Sequence[Touch], word: Word) -> Belt | None:
     found = []
     last = len(lattice.nodes) - 2
     for start, goal in itertools.product((0, 1), (last, last + 1)):
-        belt = _pulled(lattice, list(touches), start, goal, word)
-        if belt is not None:
-            found.append(belt)
+        # from nothing, too: a corner of a way without radius may be none of the road's
+        for first in (list(touches), []) if touches else ([],):
+            belt = _pulled(lattice, first, start, goal, word)
+            if belt is not None:
+                found.append(belt)
     return min(found, key=lambda belt: belt.length_m, default=None)
 
 
 def _pulled(
     lattice: Lattice, touches: list[Touch], start: int, goal: int, word: Word
 ) -> Belt | None:
+    dropped: set[Touch] = set()
     for _ in range(_MOST_CORNERS_MORE):
         belt = _balanced(_laid(lattice, touches, start, goal, word))
         legs = belt.legs()
@@ -162,12 +165,12 @@ def _pulled(
             if legs[n - 1][2, 0] + legs[n][0, 0] > _LIMIT_RAD * belt.nodes[n, 4]
         ]
         if slack:  # it would have to push: go without
-            del touches[slack[0] - 1]
+            dropped.add(touches.pop(slack[0] - 1))
             continue
         if belt.clear():
             return belt
         place = _blocking(belt, legs, touches)
-        if place is None:
+        if place is None or place[1] in dropped:
             return None
         touches.insert(*place)
     return None

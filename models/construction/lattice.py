@@ -22,7 +22,8 @@ from models.construction.kernels import advance, leg, legs_from
 from models.construction.site import Site
 from models.geometry import FloatArray, IntArray
 
-_ANGLE_RAD = math.radians(20.0)  # between nodes round a corner
+# Between nodes round a corner: finer where there are few corners.
+_FINE_RAD, _COARSE_RAD, _FEW_CORNERS = math.radians(10.0), math.radians(20.0), 24
 _MOST_TOUCHES = 4  # nodes along an edge, each way
 _CHORD_RAD = math.radians(5.0)
 _HALF_TURN = math.pi * 1.001
@@ -123,9 +124,10 @@ def make_lattice(site: Site, radius_m: float, clothoid_m: float, corners: IntArr
     for side in (1.0, -1.0):
         pose = site.start
         add(_moved(pose.x_m, pose.y_m, pose.heading_rad, lead, side, wide), -1, 0.0, lead, 1)
+    apart = _FINE_RAD if len(corners) <= _FEW_CORNERS else _COARSE_RAD
     for corner in corners.tolist():
         first, last = site.cone_rad[corner]
-        for angle in np.linspace(first, last, math.ceil((last - first) / _ANGLE_RAD) + 1):
+        for angle in np.linspace(first, last, math.ceil((last - first) / apart) + 1):
             for side in (1.0, -1.0):
                 node = _round(site, at_corners, int(corner), float(angle), side)
                 add(node, int(corner), float(angle), at_corners.lead_m)
