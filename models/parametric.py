@@ -134,7 +134,8 @@ class OffsetPath:
         grows = t[0] * b.d2[0] + t[1] * b.d2[1]  # dσ/dw
         bend = _cross(b.d1, b.d2) / speed**3
         bend_grows = _cross(b.d1, b.d3) / speed**3 - 3.0 * bend * grows / speed
-        along = speed * (1.0 - d * bend)
+        # Beyond the centre of a bend the offset runs back: no lane does, so it stands still here.
+        along = speed * np.maximum(1.0 - d * bend, 0.0)
         along_grows = grows * (1.0 - d * bend) - speed * (d1 * bend + d * bend_grows)
         turn = bend * speed
         return Jet(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -34,13 +35,18 @@ class Carriageway:
     speed_mps: float
 
 
-def carriageways(road: RoadRecord) -> list[Carriageway]:
-    """Return the directions in which cars may use the road, forward first."""
+def carriageways(road: RoadRecord, ignored: Counter[str]) -> list[Carriageway]:
+    """Return the directions in which cars may use the road, forward first.
+
+    Lanes that fold, because a bend is tighter than they are far from its reference line, are left
+    out and counted.
+    """
     found = []
     for backward in (False, True):
         chains = _chains(road, backward)
-        if chains:
-            found.append(_carriageway(road, chains, backward))
+        way = _carriageway(road, chains, backward, ignored) if chains else None
+        if way is not None:
+            found.append(way)
     return found
 
 
@@ -169,8 +175,11 @@ def _nearest_chain(
 
 
 def _carriageway(
-    road: RoadRecord, chains: list[list[tuple[Section, int]]], backward: bool
-) -> Carriageway:
+    road: RoadRecord,
+    chains: list[list[tuple[Section, int]]],
+    backward: bool,
+    ignored: Counter[str],
+) -> Carriageway | None:
     """Make the lanes of one direction, in the order right to left as drivers see it."""
     s = _places(road.line.breaks, road)
     low, high = _edges(road, s, backward)
@@ -185,7 +194,11 @@ def _carriageway(
         if backward:
             path = ReversedPath(path)
             left, right, first, last = right[::-1], left[::-1], last, first
-        curve = ArcLengthCurve(path)
+        try:
+            curve = ArcLengthCurve(path)
+        except ValueError:
+            ignored["lanes that fold in a bend"] += 1
+            continue
         along = curve.arc_length((s[-1] - s)[::-1] if backward else s)
         x, y = (curve.start_m + road.line.origin).tolist()
         edges = (np.maximum(left, 0.0), np.maximum(right, 0.0))
@@ -196,6 +209,8 @@ def _carriageway(
         )
         side = float(np.median(offsets)) * (-1.0 if backward else 1.0)
         made.append((side, lane, first, last))
+    if not made:
+        return None
     made.sort(key=lambda row: row[0])
     speeds = [section.lanes[lane].speed_mps for chain in chains for section, lane in chain]
     limits = [speed for speed in speeds if speed is not None]

@@ -71,7 +71,7 @@ def read_opendrive(path: str | Path) -> RoadNetwork:
     if not found.roads:
         raise ValueError(f"{path}: must hold at least one road")
     nodes = _name_ends(found)
-    edges = _edges(found, nodes, path)
+    edges = _edges(found, nodes)
     if not edges:
         raise ValueError(f"{path}: must hold at least one road with a driving lane from end to end")
     places: dict[str, tuple[float, float]] = {}
@@ -168,14 +168,11 @@ def _name_ends(found: _Found) -> dict[tuple[str, str], str]:
     }
 
 
-def _edges(found: _Found, nodes: dict[tuple[str, str], str], path: Path) -> list[Edge]:
+def _edges(found: _Found, nodes: dict[tuple[str, str], str]) -> list[Edge]:
     """Make each direction of each road; those of junctions become turns, not edges."""
     edges: list[Edge] = []
     for road in found.roads.values():
-        try:
-            ways = carriageways(road)
-        except ValueError as error:
-            raise ValueError(f"{path}: road {road.id!r}: {error}") from None
+        ways = carriageways(road, found.ignored)
         if not ways:
             found.ignored["roads without driving lanes from end to end"] += 1
         for way in ways:
@@ -200,7 +197,7 @@ def _edges(found: _Found, nodes: dict[tuple[str, str], str], path: Path) -> list
             )
     if not edges and found.ways:  # nothing but a junction's roads: then they are the network
         found.junctions.clear()
-        return _edges(found, nodes, path)
+        return _edges(found, nodes)
     return edges
 
 
