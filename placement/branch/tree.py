@@ -298,14 +298,17 @@ def _projected(known, F, r):  # type: ignore[no-untyped-def]
         for b in range(q):
             for e in range(max(a, b), q):
                 inside[a, b] += R[a, e] * R[b, e]
-    W = np.empty((q, q))
+    W, condition = np.empty((q, q)), 0.0
+    for a in range(q):
+        condition += inside[a, a]
     if not inverse_factor(inside, W):
         return np.inf, turned[q:].copy(), along
     inside = times(W, turned[:q].copy())
     for a in range(q):
         for b in range(p * r):
             along[b // r] += inside[a, b] ** 2
-    return -2.0 * log_diagonal(W), turned[q:].copy(), along * (1.0 + 1e-9)
+    doubt = 4.0 * q * _EPS * condition * sum_squares(W)
+    return -2.0 * log_diagonal(W) + doubt, turned[q:].copy(), along * (1.0 + 1e-9)
 
 
 @njit(cache=True)
@@ -398,20 +401,28 @@ def _round(kind, base, V, group, cost, purse, k, ids, T, t, spent, x, best, chos
 def _last_ones(kind, base, V, group, ids, T, t, m, best, slack, chosen):  # type: ignore[no-untyped-def]
     """Look at every way to add the last one or two; return the best score and a bound on all."""
     n, r, p = V.shape[2], V.shape[1], ids.size
-    W = np.empty((n, n))
-    if not inverse_factor(information_of(base, V, T, t), W):
+    reached = -np.inf
+    if m == 1:
+        for a in range(p):
+            T[t] = ids[a]
+            score = score_of(kind, base, V, T, t + 1)
+            reached = max(reached, score + 64.0 * n * _EPS * (1.0 + abs(score)))
+            best = _offer(kind, base, V, T, t + 1, best, chosen)
+        return best, reached
+    W, M = np.empty((n, n)), information_of(base, V, T, t)
+    if not inverse_factor(M, W):
         return best, np.inf
     half, pulled = np.empty((p, r, n)), np.empty((r, n))
     block, right = np.empty((r, r)), np.empty((r, r))
-    single = np.empty(p)
+    single, condition = np.empty(p), 0.0
+    for a in range(n):
+        condition += M[a, a]
+    condition *= sum_squares(W)
     for a in range(p):
         single[a] = gain_over(kind, W, V, ids[a], half[a], pulled, block, right)
-    here = -2.0 * log_diagonal(W) if kind == LOG_DET else -sum_squares(W)
-    reached = -np.inf
+    # a prior of 1e-6 leaves a condition of 1e7 or so until the last ones are in
+    here = -2.0 * log_diagonal(W) + 8.0 * n * _EPS * condition
     order = descending(single)
-    if m == 1:
-        T[t] = ids[order[0]]
-        return _offer(kind, base, V, T, t + 1, best, chosen), here + single[order[0]] + 1e-9
     for first in range(p):
         a = order[first]
         if here + 2.0 * single[a] <= best + slack:
@@ -428,9 +439,9 @@ def _last_ones(kind, base, V, group, ids, T, t, m, best, slack, chosen):  # type
             for e in range(n):
                 cross += half[a, 0, e] * half[b, 0, e]
             # det(I₂ + …) = exp(s_a + s_b) − cross²
-            both = here + single[a] + single[b]
-            both += np.log1p(-min(cross * cross * np.exp(-single[a] - single[b]), 1.0 - 1e-15))
-            reached = max(reached, both + 1e-9)
+            share = min(cross * cross * np.exp(-single[a] - single[b]), 1.0 - 1e-15)
+            both = here + single[a] + single[b] + np.log1p(-share)
+            reached = max(reached, both)
             if both > best:
                 T[t], T[t + 1] = ids[a], ids[b]
                 best = _offer(kind, base, V, T, t + 2, best, chosen)
