@@ -93,6 +93,7 @@ class Counting:
         self.rows = (np.zeros(t, np.int64), np.zeros(t, np.int64), np.empty((0, 2, 6)),
                      np.empty(0, np.int64))  # fmt: skip
         self.need = int(self.floor[0])
+        self._store: Store | None = None
         self.labels = 0
         self.finest = 0
 
@@ -146,7 +147,7 @@ class Counting:
         c = self.course
         t = c.steps.shape[0]
         known = Known(self.floor, self.hope, *self.rows)
-        store = new_store(t, k, self.span, c.failures)
+        store = self._cleared(k)
         if not probing:  # the root waits in the list of sample 0
             store.head[0, 0] = 0
             store.pool_next[0], store.pool_parent[0], store.pool_units[0] = -1, -1, 0
@@ -168,6 +169,19 @@ class Counting:
             self.need = max(self.need, int(store.node_need[int(store.arc_to[0])]))
         self._learn(store)
         return True
+
+    def _cleared(self, k: int) -> Store:
+        """Return the storage, made once, empty and with room for k units."""
+        if self._store is None:
+            self._store = new_store(self.course.failures)
+        t, store = self.course.steps.shape[0], self._store
+        store.counter[:] = 0
+        store.counter[labels.FREE] = -1
+        return store._replace(
+            head=np.full((t + 1, k + 1), -1, dtype=np.int64),
+            blind_node=np.full((2, k + 1, self.span + 2), -1, dtype=np.int64),
+            reached=np.zeros(k + 1, dtype=np.bool_),
+        )
 
     def _learn(self, store: Store) -> None:
         """Take the free labels' needs into the table, and what the floor needs from them."""
@@ -269,14 +283,13 @@ def course_of(
     )
 
 
-def new_store(t: int, k: int, span: int, failures: int) -> Store:
-    """Return empty storage; the system commits it as it fills."""
+def new_store(failures: int) -> Store:
+    """Return storage, but for what depends on the units; the system commits it as it fills."""
     scenarios = 2 + DEPTH if failures else 1
     buckets = 1 << int(4 * SETS - 1).bit_length()
-    counter = np.zeros(labels.N_COUNTERS + 1, dtype=np.int64)
-    counter[labels.FREE] = -1
+    nothing = np.empty((0, 0), dtype=np.int64)
     return Store(
-        head=np.full((t + 1, k + 1), -1, dtype=np.int64),
+        head=nothing,
         pool_next=np.empty(POOL, dtype=np.int64),
         pool_parent=np.empty(POOL, dtype=np.int64),
         pool_units=np.empty(POOL, dtype=np.int64),
@@ -296,9 +309,9 @@ def new_store(t: int, k: int, span: int, failures: int) -> Store:
         key=np.zeros(buckets, dtype=np.int64),
         key_first=np.empty(buckets, dtype=np.int64),
         set_next=np.empty(SETS, dtype=np.int64),
-        blind_node=np.full((2, k + 1, span + 2), -1, dtype=np.int64),
-        reached=np.zeros(k + 1, dtype=np.bool_),
-        counter=counter,
+        blind_node=np.empty((0, 0, 0), dtype=np.int64),
+        reached=np.empty(0, dtype=np.bool_),
+        counter=np.zeros(labels.N_COUNTERS + 1, dtype=np.int64),
     )
 
 

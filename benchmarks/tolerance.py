@@ -1,0 +1,144 @@
+"""How few cameras keep a car within tolerance, how few there must be, and what plainer plans need.
+
+`python -m benchmarks.tolerance` measures the tables of docs/tolerance.md and writes them into it;
+`--print` only prints them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.readme_tables import replace_table
+from models.geometry import IntArray
+from placement.assemble import Scene, assemble
+from placement.fewest.beam import Beam
+from placement.instance import Instance, instance_from_dict, load_instance
+from placement.objectives.tolerance import Tolerance
+from placement.solve import solve
+
+DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "tolerance.md"
+DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
+TOLERANCE_M = 0.29
+HEADER = (
+    "| road | errors | fewest | at least | status | `greedy` | `uniform` | grid | seconds |\n"
+    "| --- | --- | --- | --- | --- | --- | --- | --- | --- |\n"
+)
+
+
+def main() -> None:
+    """Measure both tables: every camera working, and any one of them dark."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--time-limit", type=float, default=300.0)
+    parser.add_argument("--failures", type=int, nargs="+", default=[0, 1])
+    parser.add_argument("--roads", nargs="+", default=["winding", "Norisring"])
+    parser.add_argument("--errors", nargs="+", default=["radius", "covariance"])
+    parser.add_argument("--print", action="store_true", help="leave the document alone")
+    options = parser.parse_args()
+    for failures in options.failures:
+        lines = [HEADER]
+        sys.stdout.write(HEADER)
+        for name, errors, instance in instances(options.roads, options.errors):
+            lines.append(row(name, errors, instance, failures, options.time_limit))
+            sys.stdout.write(lines[-1])
+            sys.stdout.flush()
+        if not options.print:
+            table = "one dark" if failures else "all working"
+            text = DOCUMENT.read_text(encoding="utf-8")
+            DOCUMENT.write_text(
+                replace_table(text, table, "".join(lines).rstrip("\n")), encoding="utf-8"
+            )
+
+
+def instances(roads: list[str], errors: list[str]) -> Iterator[tuple[str, str, Instance]]:
+    """Yield each road with each error model: radius and white, covariance and persistent."""
+    for road in roads:
+        for model in errors:
+            base = load_instance("winding")
+            tables: dict[str, Any] = base.as_dict()
+            if road != "winding":
+                tables["road"] = {"file": str(DATA / "tracks" / f"{road}.csv")}
+            tables["errors"] = {"model": model, "persistent": model == "covariance"}
+            tables["objective"] = {"kind": "tolerance", "tolerance_m": TOLERANCE_M}
+            tables["budget"] = {"cameras": 200}
+            yield road, model, instance_from_dict(tables, name=road)
+
+
+def row(name: str, errors: str, instance: Instance, failures: int, time_limit_s: float) -> str:
+    """Return one row; a method that finds nothing in tolerance has a dash."""
+    scene = assemble(instance.changed({"budget.failures": failures}))
+    objective = scene.problem.objective
+    if not isinstance(objective, Tolerance):
+        raise TypeError(f"wanted the objective tolerance, got {objective.name}")
+    found = solve(scene.problem, "tolerance", time_limit_s=time_limit_s)
+    bound = "none" if found.bound is None else f"{np.ceil(found.bound - 1e-6):.0f}"
+    persistence = "persistent" if instance.errors.persistent else "white"
+    cells = [
+        name,
+        f"{errors}, {persistence}",
+        f"**{found.value:.0f}**" if found.status.has_placement else "none",
+        bound,
+        str(found.status),
+        greedy_count(scene, objective),
+        method_count(scene, "uniform"),
+        grid_count(scene, objective, 1 if found.bound is None else int(found.bound)),
+        f"{found.seconds:.0f}",
+    ]
+    return "| " + " | ".join(cells) + " |\n"
+
+
+def greedy_count(scene: Scene, objective: Tolerance) -> str:
+    """Return how many cameras it takes if each in turn takes the car as far as it can."""
+    found = Beam(objective, scene.problem.constraints, 1, lambda: False).search()
+    return "–" if found is None else str(len(found))
+
+
+def method_count(scene: Scene, method: str) -> str:
+    """Return how many cameras a method needs."""
+    found = solve(scene.problem, method)
+    return f"{found.value:.0f}" if found.status.has_placement else "–"
+
+
+def grid_count(scene: Scene, objective: Tolerance, least: int) -> str:
+    """Return the fewest cameras of a regular grid: one pose, one spacing, one side or taking turns.
+
+    Every pose of a mount, turned with the road, every whole number of mounts as spacing, every
+    start, the left side, the right or both in turn; the fewest of all that are in tolerance. None
+    of fewer than `least` can be.
+    """
+    for count, selected in grids(scene, least):
+        if objective.feasible(selected):
+            return str(count)
+    return "–"
+
+
+def grids(scene: Scene, least: int) -> list[tuple[int, IntArray]]:
+    """List all grids of `least` cameras or more, those of fewest first."""
+    candidates = scene.candidates
+    s = np.round(candidates.arc_length_m, 6)
+    places = np.unique(s)
+    place = np.searchsorted(places, s)
+    cameras = candidates.cameras
+    side = candidates.mount_side[candidates.mount]
+    yaw = np.round(candidates.yaw_deg * side, 3) % 360.0  # mirrored poses are one pose
+    pose = np.column_stack([yaw, np.degrees(cameras.pitch_rad), np.degrees(cameras.hfov_rad)])
+    pose = np.round(pose, 3)
+    _, kind = np.unique(pose, axis=0, return_inverse=True)
+    found: list[tuple[int, IntArray]] = []
+    for number in range(int(kind.max()) + 1):
+        of_kind = np.flatnonzero(kind == number)
+        at = {(int(place[i]), int(side[i])): int(i) for i in of_kind}
+        for stride in range(1, places.size // max(least - 1, 1) + 1):
+            for start in range(stride):
+                row_of = range(start, places.size, stride)
+                for pattern in ((1, 1), (-1, -1), (1, -1), (-1, 1)):
+                    keys = [(p, pattern[n % 2]) for n, p in enumerate(row_of)]
+                    chosen = sorted(at[key] for key in keys if key in at)
+                    if len(chosen) >= least:
+                        found.append((len(chosen), np.array(chosen, dtype=np.int64)))
+    return sorted(found, key=lambda grid: grid[0])
