@@ -25,6 +25,7 @@ import numpy as np
 from models.geometry import FloatArray, IntArray
 from placement.bounds.concave import best_fraction
 from placement.bounds.coverage_cuts import CoverageCuts, merged, restricted_coverage
+from placement.bounds.coverage_tree import best_few
 from placement.bounds.cut_program import CutProgram, Fraction
 from placement.bounds.cuts import CutMaker, Cuts, joined
 from placement.bounds.matroid import (
@@ -75,6 +76,8 @@ def solve_mip(problem: Problem, run: Run) -> Proposal:
         raise ValueError("method mip needs coverage without partial")
     search = Search(problem, objective, run)
     search.start()
+    if isinstance(objective, Coverage) and search.look_at_all():
+        return Proposal(search.incumbent, run.score_bound, stats=search.stats())
     finished = search.explore()
     return Proposal(
         search.incumbent,
@@ -149,6 +152,21 @@ class Search:
         self.root_bound = bound
         self._publish(bound)
         return found.choice, bound, maker.tangent(found.x)
+
+    def look_at_all(self) -> bool:
+        """Settle `coverage` by few cameras without linear programs; return whether that is done."""
+        if not isinstance(self._objective, Coverage):
+            return False
+        allowed = self._open[0][2].allowed
+        found = best_few(self._objective, self.problem.constraints, allowed, self.score, self.run)
+        if found is None:
+            return False
+        selected, bound, self.nodes = found
+        if selected:
+            self._offer(np.array(selected, dtype=np.int64))
+        self.run.score_bound = bound
+        self._open.clear()
+        return True
 
     def explore(self) -> bool:
         """Work through the open nodes, the highest bound first; return whether none is left."""

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from placement.bounds.coverage_cuts import CoverageCuts, merged
+from placement.bounds.coverage_tree import best_few
 from placement.objectives.coverage import Coverage
+from placement.problem import Run
 from placement.solution import Status
 from placement.solve import solve
 
@@ -140,3 +142,31 @@ def test_shares_have_no_exact_method(new_problem: Make) -> None:
     shared = Coverage(base.objective.information, 2, partial=True)
     with pytest.raises(ValueError, match="without partial"):
         solve(replace(base, objective=shared), "mip")
+
+
+@pytest.mark.parametrize("times", [1, 2, 3])
+@pytest.mark.parametrize("limits", ["count", "groups", "money"])
+def test_looking_at_all_of_few_finds_the_best(
+    times: int, limits: str, new_problem: Make, brute_force: Make
+) -> None:
+    for seed in range(12):
+        rng = np.random.default_rng([seed, times, len(limits)])
+        base = new_problem(rng, n_candidates=11, n_samples=25, budget=4, groups=limits == "groups")
+        constraints = base.constraints
+        if limits == "money":
+            constraints = replace(constraints, cost=rng.uniform(0.2, 1.0, 11), money=1.5)
+        f = Coverage(base.objective.information, times, rng.uniform(0.1, 1.0, 25))
+        best, _ = brute_force(replace(base, objective=f, constraints=constraints))
+        found = best_few(f, constraints, np.ones(11, np.bool_), -1.0, Run(rng))
+        assert found is not None
+        selected, bound, _ = found
+        assert constraints.violations(selected) == []
+        assert f.value(np.array(selected)) == pytest.approx(best, rel=1e-12)
+        assert best <= bound <= best * (1.0 + 1e-9) + 1e-12
+
+
+def test_looking_at_all_says_when_that_is_too_much(new_problem: Make) -> None:
+    base = new_problem(np.random.default_rng(0), n_candidates=400, n_samples=200, budget=9)
+    f = Coverage(base.objective.information, 2)
+    everybody = np.ones(400, np.bool_)
+    assert best_few(f, base.constraints, everybody, 0.0, Run(np.random.default_rng(0))) is None
