@@ -25,6 +25,8 @@ def rounded_road(
 ) -> Road:
     """Follow points (n, 2) by straights and arcs; ends and end headings are the polyline's.
 
+    Where the line turns back on itself its point is blunted to 5 cm.
+
     A corner that turns by θ is cut off by an arc of radius r which starts r·tan(θ/2) before it and
     stays r·(1/cos(θ/2) − 1) off it: `CUT_M`, or more where the radius would be below `radius_m`,
     and less where half the way to the next corner is too short. The road is therefore
@@ -33,7 +35,7 @@ def rounded_road(
     Raises:
         ValueError: for points that are not finite, or fewer than two apart.
     """
-    points = distinct_points(points_m)
+    points = _blunted(distinct_points(points_m))
     lengths, curvatures = _pieces(points, radius_m)
     step = points[1] - points[0]
     frame = Pose(float(points[0, 0]), float(points[0, 1]), math.atan2(step[1], step[0]))
@@ -140,11 +142,7 @@ def polyline_length(points_m: FloatArray) -> float:
 
 def _pieces(points: FloatArray, radius_m: float) -> tuple[FloatArray, FloatArray]:
     """Return lengths and curvatures (pieces,) of straights and arcs in turn."""
-    steps, segment, turn = _measure(points)
-    while len(turn) and float(np.max(np.abs(turn))) > _BACK_RAD:
-        i = int(np.argmax(np.abs(turn))) + 1
-        points = _turn_round(points, i, steps[i - 1] / segment[i - 1])
-        steps, segment, turn = _measure(points)
+    _, segment, turn = _measure(points)
     if not len(turn):
         return segment, np.zeros(1)
     half = 0.5 * np.abs(turn)
@@ -178,7 +176,13 @@ def _measure(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     return steps, np.hypot(*steps.T), turn
 
 
-def _turn_round(points: FloatArray, i: int, unit: FloatArray) -> FloatArray:
-    """Blunt the point of a spike: two corners of about a right angle in place of one of 180°."""
-    aside = 0.25 * LEAST_STEP_M * np.array([unit[1], -unit[0]])
-    return np.vstack((points[:i], points[i] + aside, points[i] - aside, points[i + 1 :]))
+def _blunted(points: FloatArray) -> FloatArray:
+    """Blunt spikes: two corners of about a right angle in place of one where a line turns back."""
+    while True:
+        steps, segment, turn = _measure(points)
+        if not len(turn) or float(np.max(np.abs(turn))) <= _BACK_RAD:
+            return points
+        i = int(np.argmax(np.abs(turn))) + 1
+        unit = steps[i - 1] / segment[i - 1]
+        aside = 0.25 * LEAST_STEP_M * np.array([unit[1], -unit[0]])
+        points = np.vstack((points[:i], points[i] + aside, points[i] - aside, points[i + 1 :]))
