@@ -24,6 +24,7 @@ from placement.constraints import Constraints
 from placement.output import Stored, read_folder
 from placement.referee.bounds import Knapsack, score_bound
 from placement.referee.checks import Check, is_number, near, none_of, same
+from placement.referee.construction import construct_checks
 from placement.referee.rules import camera_checks, form_check, rule_checks
 from placement.referee.sight import Eye, Sight
 from placement.referee.tolerance import tolerance_value
@@ -102,13 +103,15 @@ def verify_folder(
     stored = read_folder(folder, check_hash=False)
     tell("rebuilding the instance", None)
     scene = rebuild(stored.instance)
-    candidates = build_candidates(stored.instance, build_road(stored.instance))
+    road = build_road(stored.instance)
+    candidates = build_candidates(stored.instance, road)
     constraints = build_constraints(stored.instance.budget, candidates)
     record = stored.record
     checks = [
         same("instance_sha256", stored.instance.sha256(), record.get("instance_sha256")),
         form_check(record.get("selected"), len(candidates)),
         *_headings(stored, candidates, constraints),
+        *construct_checks(stored.instance, road),
     ]
     selected = sorted({i for i in stored.selected if 0 <= i < len(candidates)})
     checks += rule_checks(stored.instance, candidates, constraints, selected)
