@@ -15,6 +15,7 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from models.geometry import BoolArray, FloatArray, IntArray
 from placement.constraints import Constraints
@@ -43,7 +44,7 @@ def best_few(
     lengths = np.diff(objective.indptr)[few]
     if math.comb(few.size, k - 1) * float(lengths.sum()) > MOST_WORK:
         return None
-    worth = objective.seen[few] @ objective.weights
+    worth: FloatArray = objective.seen[few] @ objective.weights
     order = few[np.argsort(-worth, kind="stable")]
     cost = np.zeros(constraints.n) if constraints.cost is None else constraints.cost
     purse = constraints.purse if constraints.limits_money else math.inf
@@ -76,7 +77,7 @@ def _search_from(  # type: ignore[no-untyped-def]
     first: int,
     order: IntArray,
     indptr: IntArray,
-    indices: IntArray,
+    indices: NDArray[np.int32],
     weights: FloatArray,
     times: int,
     group: IntArray,

@@ -10,8 +10,10 @@ m cameras that see a sample instead, which is submodular for every m and never b
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from models.geometry import BoolArray, FloatArray, IntArray, frozen
@@ -55,7 +57,7 @@ class Coverage:
         self.weights: FloatArray = frozen(w)  # type: ignore[assignment]
         self.indptr = np.asarray(information.indptr, dtype=np.int64)
         self.indices = np.asarray(information.indices, dtype=np.int32)
-        self.seen = sparse.csr_array(
+        self.seen: Any = sparse.csr_array(
             (np.ones(len(self.indices)), self.indices, self.indptr), shape=(self.n_candidates, t)
         )
 
@@ -156,7 +158,7 @@ class CoverageState:
         self._chosen[candidate] = False
         self._counts[self._row(candidate)] -= 1
 
-    def _row(self, candidate: int) -> IntArray:
+    def _row(self, candidate: int) -> NDArray[np.int32]:
         f = self._objective
-        row: IntArray = f.indices[f.indptr[candidate] : f.indptr[candidate + 1]]
+        row: NDArray[np.int32] = f.indices[f.indptr[candidate] : f.indptr[candidate + 1]]
         return row
