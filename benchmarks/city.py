@@ -163,7 +163,7 @@ def growth(
 ) -> dict[str, Any]:
     """Measure parts of the city, and fit the exponent of processor time against samples."""
     run(network, digest, (256, 77), options, work, Stages())  # compiles everything
-    rows = []
+    rows: list[dict[str, Any]] = []
     for n, parts in GROWTH:
         times, samples, gaps = [], [], []
         for i in parts:
@@ -181,8 +181,7 @@ def growth(
             }
         )
     _say(_table(rows))
-    km = np.array([float(row["km"]) for row in rows])
-    seconds = np.array([float(row["processor s"]) for row in rows])
+    km, seconds = (np.array([row[key] for row in rows], float) for key in ("km", "processor s"))
     exponent = float(np.polyfit(np.log(km), np.log(seconds), 1)[0])
     _say(f"exponent: {exponent:.3f}")
     return {"growth": rows, "exponent": round(exponent, 4)}

@@ -27,6 +27,12 @@ app = typer.Typer(
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no summary.")]
 Seed = Annotated[int, typer.Option(min=0, help="Seed of everything random.")]
 Runs = Annotated[int, typer.Option(min=1, max=1_000_000, help="Closed-loop Monte Carlo runs.")]
+Workers = Annotated[
+    int | None, typer.Option(min=1, max=1024, help="Processes of this machine that share the work.")
+]
+Cluster = Annotated[
+    str | None, typer.Option(help="A Dask scheduler to share the work: tcp://… or tls://…")
+]
 Plant = Annotated[str, typer.Option(help="The simulated car: kinematic or single-track.")]
 
 
@@ -74,7 +80,9 @@ def _complain(problem: str) -> None:
 
 @app.command()
 def solve(
-    instance: Annotated[str, typer.Argument(help="A TOML file, a shipped name, an .npz or a table.")],
+    instance: Annotated[
+        str, typer.Argument(help="A TOML file, a shipped name, an .npz or a table.")
+    ],
     out: Annotated[Path, typer.Option(help="The folder the results go to.")],
     method: Annotated[str, typer.Option(help="How to solve; `placement methods` lists them.")] = (
         "auto"
@@ -85,6 +93,8 @@ def solve(
     ] = None,
     time_limit: Annotated[float, typer.Option(help="Seconds the solver may take.")] = float("inf"),
     seed: Seed = 0,
+    workers: Workers = None,
+    cluster: Cluster = None,
     quiet: Quiet = False,
 ) -> None:
     """Choose cameras for INSTANCE and prove how good the choice is."""
@@ -99,6 +109,8 @@ def solve(
             budget=budget,
             time_limit_s=time_limit,
             seed=seed,
+            workers=workers,
+            cluster=cluster,
             quiet=quiet,
         )
     if not status.has_placement:
@@ -114,6 +126,8 @@ def validate(
     latency: Annotated[float, typer.Option(help="Seconds a measurement comes late.")] = 0.0,
     missed: Annotated[float, typer.Option(help="Share of detections that fail.")] = 0.0,
     false: Annotated[float, typer.Option(help="Share of frames with a false position.")] = 0.0,
+    workers: Workers = None,
+    cluster: Cluster = None,
     quiet: Quiet = False,
 ) -> None:
     """Drive the placement in FOLDER in a closed loop, many times, and record what happens."""
@@ -128,6 +142,8 @@ def validate(
             latency_s=latency,
             missed=missed,
             false=false,
+            workers=workers,
+            cluster=cluster,
             quiet=quiet,
         )
 

@@ -15,6 +15,7 @@ import multiprocessing
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from typing import Any, Protocol, TypeVar
 
 Task = TypeVar("Task")
@@ -210,6 +211,19 @@ def work_at(workers: int | None = None, cluster: str | None = None) -> Work:
             raise ValueError("--workers and --cluster must not both be given")
         return DaskCluster(cluster)
     return Serial() if workers is None else Processes(workers)
+
+
+@contextmanager
+def working(workers: int | None = None, cluster: str | None = None) -> Iterator[Work | None]:
+    """Give `work_at`'s place for the block that follows; None where neither is asked for."""
+    if workers is None and cluster is None:
+        yield None
+        return
+    work = work_at(workers, cluster)
+    try:
+        yield work
+    finally:
+        work.close()
 
 
 def _died(future: Future[Any]) -> bool:

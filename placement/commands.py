@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from placement.atomic import Content, prepare_folder, write_files
+from placement.cluster import working
 from placement.instance import load_instance
 from placement.solution import Solution, Status
 
@@ -75,6 +76,8 @@ def solve_into(
     budget: str | None = None,
     time_limit_s: float = float("inf"),
     seed: int = 0,
+    workers: int | None = None,
+    cluster: str | None = None,
     quiet: bool = False,
 ) -> Status:
     """Solve the instance `source` (a TOML file or a shipped name) and write the results to `out`.
@@ -82,7 +85,7 @@ def solve_into(
     A bare information problem (.npz, or a table of experiments) goes to `placement.bare`.
 
     A `budget` A:B solves every budget from A to B: the folder holds the solution of the last, and
-    the curve of all.
+    the curve of all. `workers` and `cluster` say where work runs (`placement.cluster`).
 
     Raises:
         ValueError: for bad input; nothing is written then.
@@ -111,7 +114,7 @@ def solve_into(
     if changes:
         instance = instance.changed(changes)
     prepare_folder(out)
-    with watch(quiet) as report:
+    with working(workers, cluster) as work, watch(quiet) as report:
         report(f"computing the information of {instance.name}", None)
         from placement.assemble import assemble
         from placement.prediction import predict
@@ -125,7 +128,7 @@ def solve_into(
                 instance, method, time_limit_s=time_limit_s, seed=seed, progress=report
             )
             instance, curve = choice.instance, _front_files(choice)
-        scene = assemble(instance)
+        scene = assemble(instance, work)
         if budgets is None:
             solution = solve(
                 scene.problem,
@@ -165,11 +168,14 @@ def validate_in(
     latency_s: float = 0.0,
     missed: float = 0.0,
     false: float = 0.0,
+    workers: int | None = None,
+    cluster: str | None = None,
     quiet: bool = False,
 ) -> None:
     """Drive the placement in `folder` in a closed loop and add what happened to the folder.
 
-    `latency_s`, `missed`, `false`: as in `models.simulation.Settings`.
+    `latency_s`, `missed`, `false`: as in `models.simulation.Settings`; `workers`, `cluster`: where
+    the drives are computed.
 
     Raises:
         ValueError: for bad input; nothing is written then.
@@ -179,13 +185,13 @@ def validate_in(
 
     stored = read_folder(folder)
     prepare_folder(folder)
-    with watch(quiet) as report:
+    with working(workers, cluster) as work, watch(quiet) as report:
         report(f"assembling {stored.instance.name}", None)
         from placement.assemble import assemble
         from placement.prediction import predict
         from placement.validation import validate
 
-        scene = assemble(stored.instance)
+        scene = assemble(stored.instance, work)
         solution = stored.solution(scene.problem)
         started = time.monotonic()
         validation = validate(
@@ -198,6 +204,7 @@ def validate_in(
             missed=missed,
             false=false,
             progress=report,
+            work=work,
         )
         seconds = time.monotonic() - started
         report("writing", None)

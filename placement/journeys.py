@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -13,8 +14,10 @@ from models.lanes import lane
 from models.obstacles import Obstacles
 from models.roads import Road, RoadPoints
 from models.vehicle import OdometryNoise
+from placement.cluster import Work
 from placement.information import Information, compute_information
 from placement.information.join import split_samples
+from placement.information.spread import spread_information
 from placement.instance import Instance
 from placement.objectives.navigation_chain import Drive
 from placement.roadway import STREETS, network_drives, network_of
@@ -73,8 +76,11 @@ def build_journeys(
     cameras: Cameras,
     errors: ErrorModel,
     obstacles: Obstacles | None = None,
+    work: Work | None = None,
 ) -> list[Journey]:
     """Sample each drive and compute what all `cameras` tell about it, past `obstacles`.
+
+    `work` says where, if not here.
 
     Raises:
         ValueError: for too many samples, or a lane that cannot be.
@@ -88,7 +94,8 @@ def build_journeys(
         for (_, driven, _), count in zip(roads, counts, strict=True)
     ]
     frames = [instance.camera.rate_hz * d / instance.vehicle.speed_mps for d in spacings]
-    whole = compute_information(
+    compute = compute_information if work is None else partial(spread_information, work)
+    whole = compute(
         cameras,
         points[0] if len(points) == 1 else _one_after_another(points),
         errors,
