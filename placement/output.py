@@ -224,6 +224,8 @@ def read_folder(folder: Path, *, check_hash: bool = True) -> Stored:
             that the instance refers to has changed since.
     """
     record = _read_json(folder / "solution.json", "what `placement solve --out` writes")
+    if (folder / "problem.npz").exists():
+        raise ValueError(f"{folder} holds a bare information problem, and no road to drive along")
     source = _read_json(folder / "instance.json", "what `placement solve --out` writes")
     try:
         instance = instance_from_dict(

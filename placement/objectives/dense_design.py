@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Self
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -54,6 +56,11 @@ class DenseDesign:
     def n_candidates(self) -> int:
         """The number of candidates, c."""
         return self._n_candidates
+
+    def over(self, keep: IntArray) -> Self:
+        """Return the same objective over the candidates `keep` alone, numbered 0 … len − 1."""
+        by_candidate = self.columns.reshape(self.n_states, self.n_candidates, self.rank)
+        return type(self)(self.prior, by_candidate[:, keep].transpose(1, 0, 2))
 
     def factor(self, candidates: IntArray) -> FloatArray:
         """Return the factors of `candidates` (m,) side by side, (n, m·r)."""

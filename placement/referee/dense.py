@@ -46,7 +46,7 @@ def dense_checks(
     count = c if bare.cost is not None else int(bare.budget)
     checks = [
         same("instance_sha256", bare.sha256(), record.get("instance_sha256")),
-        Check("selected", selected == inside, "different candidates, sorted", listed),
+        Check("selected", listed == inside, "different candidates, sorted", listed),
         same("objective", bare.objective, record.get("objective")),
         same("unit", UNITS[bare.objective], record.get("unit")),
         same("budget", count, record.get("budget")),
