@@ -113,7 +113,9 @@ def shortest(
                 nodes += [(x, y, math.tau * n / headings) for n in range(headings)]
 
     def clear(a: Pose3, word: list[tuple[str, float]]) -> bool:
-        return bool(blocked.distance(shapely.LineString(points_of(a, word, radius))) >= keep)
+        return not polygons or bool(
+            blocked.distance(shapely.LineString(points_of(a, word, radius))) >= keep
+        )
 
     ahead = [math.dist(node[:2], goal[:2]) for node in nodes]
     best = [math.inf] * len(nodes)
