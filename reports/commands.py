@@ -32,6 +32,10 @@ STUDIES: dict[str, Study] = {
         "reports.error_model:run",
         "how accurate one camera is: coverage, components, resolution, installation",
     ),
+    "single-camera": Study(
+        "reports.single_camera.study:run",
+        "which way one camera should look, and how wide, over the curvature of the road",
+    ),
     "camera-sets": Study(
         "reports.camera_sets:run",
         "what each method finds for 1 to 20 cameras, and which objective foretells the car",
