@@ -120,11 +120,10 @@ def _gap(row: Best) -> str:
 
 
 def _command(name: str, row: Mapping[str, str]) -> str:
-    suite = {"design": "doptimal"}.get(row["kind"], "camera")
     data = " --data DATA" if LIBRARY[name].source == "real" else ""
     limit = f"{float(row['time_limit_s']):g}"
     return (
-        f"placement benchmark {suite} --instance {name} --solver {row['solver']} "
+        f"placement benchmark {row['suite']} --instance {name} --solver {row['solver']} "
         f"--seed {row['seed']} --time-limit {limit}{data} --out out/{name}"
     )
 

@@ -128,13 +128,13 @@ def _smoke(data: str | None) -> Suite:
 
 def _camera(data: str | None) -> Suite:
     localisation = (
-        "arc-50 straight-200 hairpin straight-free required grouped s-bend s-bend-ellipse "
-        "s-bend-covariance fisheye narrow two-heights mixed-free dense-mounts priced separated "
-        "winding country-5km norisring ims budapest spielberg"
+        "straight-80 bend-20 arc-50 straight-200 hairpin straight-free required grouped s-bend "
+        "s-bend-ellipse s-bend-covariance fisheye narrow two-heights mixed-free dense-mounts priced "
+        "separated winding country-5km norisring ims budapest spielberg"
     )
     coupled = (
         "entropy-robot entropy-car entropy-car-20 entropy-dissertation zandvoort "
-        "trace-robot trace-car trace-lateral trace-persistent final-car monza"
+        "trace-robot trace-car trace-lateral trace-persistent final-car circuit monza"
     )
     ours = ("auto", "greedy", "exchange", "search", "relaxation", "mip")
     baselines = ("uniform", "hill-climb", "cascade")
@@ -153,7 +153,7 @@ def _extra(name: str) -> tuple[str, ...]:
     """Return the methods made for what a coupled instance optimises."""
     if name.startswith("entropy") or name == "zandvoort":
         return ("relaxation", "tempered")
-    return ("diagram",) if name.startswith("trace") or name == "monza" else ()
+    return ("diagram",) if name.startswith("trace") or name in ("circuit", "monza") else ()
 
 
 def _doptimal(data: str | None) -> Suite:
