@@ -1,8 +1,8 @@
 """The lower bound on number or price: sweeps of rising effort until one cannot be refuted.
 
 `Counting` proves, for k = 0, 1, …, that no placement of k units keeps one drive in tolerance; it
-stops at the first k that its finest sweep cannot refute. With persistent errors the cameras of
-the sweep have their offsets known exactly, which tells at least as much. Relaxed besides: who
+stops at the first k that its finest sweep cannot refute. With persistent errors, cameras whose
+views overlap have their offsets known, which tells at least as much. Relaxed besides: who
 stands on which mount, money's and separation's rules, how often a camera is used, the count where
 cameras have prices, and that required cameras and those that cost nothing might fail.
 """
@@ -27,6 +27,7 @@ from placement.objectives.windows.filter import (
     row6,
     update,
 )
+from placement.objectives.windows.offsets import Views
 
 CHUNK = 8  # samples swept between looks at the clock
 ROUNDING = 1e-9  # relative, of the limit
@@ -71,12 +72,14 @@ class Counting:
         units: IntArray,
         most: int,
         failures: int,
+        views: Views | None = None,
     ) -> None:
         """Prepare for placements of at most `most` of the `usable` (c,) cameras beside `given`.
 
-        units (c,) are the candidates' prices, whole and at least 1 where usable.
+        units (c,) are the candidates' prices, whole and at least 1 where usable. `drive` has the
+        cameras' offsets known; `views` tells what is true of a camera by itself, if that differs.
         """
-        self.course = course_of(drive, limit, usable, given, units, most, failures)
+        self.course = course_of(drive, limit, usable, given, units, most, failures, views)
         c = self.course
         self.span = int(np.max(np.diff(c.ptr), initial=0))
         self.reach = floor_reach(c.steps, c.base, c.floor, c.limit)
@@ -243,11 +246,17 @@ def course_of(
     units: IntArray,
     most: int,
     failures: int,
+    views: Views | None,
 ) -> Course:
-    """Lay out the drive and the cameras that none of the same price or cheaper exceeds."""
+    """Lay out the drive and the cameras that none of the same price or cheaper exceeds.
+
+    With persistent errors all that see something stay: offsets are not compared.
+    """
     blocks = three_columns(drive)
     kept = []
-    for level in np.unique(units[usable]):
+    if views is not None:
+        kept.append(np.flatnonzero(usable & (np.diff(drive.indptr) > 0)))
+    for level in np.unique(units[usable]) if views is None else []:
         best = undominated(drive.indptr, drive.indices, blocks, usable & (units <= level))
         kept.append(best[units[best] == level])
     who = np.concatenate(kept) if kept else np.empty(0, dtype=np.int64)
@@ -280,6 +289,12 @@ def course_of(
         floor=before * (1.0 - 1e-12),
         limit=limit * (1.0 + ROUNDING),
         failures=failures,
+        who=who,
+        indptr=drive.indptr,
+        indices=drive.indices,
+        white=np.empty((0, 3), dtype=np.float32) if views is None else views.white,
+        offsets=np.empty((0, 2, 0), dtype=np.float32) if views is None else views.offsets,
+        frames=drive.frames,
     )
 
 

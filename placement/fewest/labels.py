@@ -9,6 +9,9 @@ to its last. Cameras whose views overlap are followed as *sets*: up to `DEPTH` c
 once are told apart exactly, each with the covariance of its own failure; where more are in view at
 once the label goes *blind*: it knows all that any camera could tell until they are all out of view.
 
+With persistent errors a camera taken alone keeps its offsets unknown; the cameras of a set have
+theirs known, which tells at least as much.
+
 Free labels of one sample and price are thinned to a width, sets to a few labels for each set, by
 Loewner lower bounds. What a label still needs is found backward along the arcs of the sweep, and is
 needed by every label above it: those are the rows of the table by which the next sweep prunes.
@@ -20,10 +23,17 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from models.geometry import BoolArray, FloatArray, IntArray
 from placement.diagram.order import below, meet
 from placement.objectives.windows.filter import predict, row6, update
+from placement.objectives.windows.offsets import (
+    enter_state,
+    predict_state,
+    set_initial,
+    update_state,
+)
 
 DEPTH = 3  # cameras in view at once that are told apart
 NODES, ARCS, POOL, FREE, FULL, BLIND = range(6)
@@ -46,6 +56,13 @@ class Course(NamedTuple):
     floor: FloatArray  # (t, 6) below every covariance before the measurements of t
     limit: float
     failures: int
+    # where errors persist: who the cameras are, and what `offsets.Views` holds of them
+    who: IntArray
+    indptr: IntArray
+    indices: NDArray[np.int32]
+    white: NDArray[np.float32]
+    offsets: NDArray[np.float32]  # (nnz, 2, p), p = 0 where every frame errs afresh
+    frames: float
 
 
 class Known(NamedTuple):
@@ -246,10 +263,72 @@ def thin(n, p, rank, width, epsilon, probing, failures, assigned, kept_p, own_p,
 
 
 @njit(cache=True)
+def learn(m, n, j0, j1, j2, u, v):  # type: ignore[no-untyped-def]
+    """Learn J about the position in a state (n, n) that carries offsets."""
+    for i in range(n):
+        u[0, i], u[1, i] = m[0, i], m[1, i]
+    s00, s01, s11 = u[0, 0], u[0, 1], u[1, 1]
+    det_j = j0 * j2 - j1 * j1
+    det = 1.0 + s00 * j0 + 2.0 * s01 * j1 + s11 * j2 + (s00 * s11 - s01 * s01) * det_j
+    a00, a01, a11 = (j0 + det_j * s11) / det, (j1 - det_j * s01) / det, (j2 + det_j * s00) / det
+    for i in range(n):
+        v[0, i] = a00 * u[0, i] + a01 * u[1, i]
+        v[1, i] = a01 * u[0, i] + a11 * u[1, i]
+    for i in range(n):
+        for j in range(n):
+            m[i, j] -= v[0, i] * u[0, j] + v[1, i] * u[1, j]
+
+
+@njit(cache=True)
+def alone_unsure(course, v, t, p):  # type: ignore[no-untyped-def]
+    """Take camera v, its offsets unknown, from its first sample t to its last: (alive, P)."""
+    offsets = course.offsets
+    most = 3 + offsets.shape[2]
+    m, u, w = np.zeros((most, most)), np.empty((2, most)), np.empty((2, most))
+    set_initial(m, p)
+    n = enter_state(m, 3, offsets.shape[2], 1.0)
+    i = course.who[v]
+    e, end = course.indptr[i], course.indptr[i + 1]
+    for s in range(t, t + course.ptr[v + 1] - course.ptr[v]):
+        if s > t:
+            predict_state(m, n, course.steps[s])
+        b = course.base[s]
+        if b[0] + b[2] > 0.0:
+            learn(m, n, b[0], b[1], b[2], u, w)
+        if e < end and course.indices[e] == s:
+            update_state(m, n, 3, course.white, offsets, course.frames, e, 1.0, u, w)
+            e += 1
+        if m[1, 1] > course.limit:
+            return False, p
+    return True, (m[0, 0], m[0, 1], m[0, 2], m[1, 1], m[1, 2], m[2, 2])
+
+
+@njit(cache=True)
 def alone(course, v, t, p, past):  # type: ignore[no-untyped-def]
     """Take camera v from its first sample t to its last; return (alive, P, past) after that."""
     t_end, limit = course.steps.shape[0], course.limit
     dark = p
+    if course.offsets.shape[2]:
+        alive, p = alone_unsure(course, v, t, p)
+        if alive and course.failures:
+            alive, past = alone_unsure(course, v, t, past)
+        if not alive:
+            return False, p, past
+        stop = t + course.ptr[v + 1] - course.ptr[v]
+        if course.failures:
+            for s in range(t, stop):
+                if s > t:
+                    dark = move(dark, course.steps[s])
+                dark = one_step(dark, course.base[s], 0.0, 0.0, 0.0)
+                if dark[3] > limit:
+                    return False, p, past
+            if worth(dark) > worth(past):
+                past = dark
+        if stop < t_end:
+            p = move(p, course.steps[stop])
+            if course.failures:
+                past = move(past, course.steps[stop])
+        return True, p, past
     stop = t + course.ptr[v + 1] - course.ptr[v]
     e = course.ptr[v]
     for s in range(t, stop):

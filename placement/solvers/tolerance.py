@@ -21,6 +21,7 @@ from placement.fewest.beam import SAME, Beam, spans_of
 from placement.fewest.bound import EFFORTS, Counting, whole_units
 from placement.fewest.labels import MOST_UNITS
 from placement.objectives.tolerance import Tolerance, white_part
+from placement.objectives.windows.offsets import views_of
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
 
@@ -122,6 +123,7 @@ class Search:
             counting = Counting(
                 white_part(drive), o.limit, free, given, units,
                 constraints.budget - required.size, o.failures,
+                views_of(drive) if drive.persistent else None,
             )  # fmt: skip
 
             text = f"drive {n + 1}: " if len(o.drives) > 1 else ""
@@ -152,8 +154,8 @@ class Search:
         self.stats["bound_from"] = "labels along the road"
         if any(drive.persistent for drive in o.drives):
             self.stats["bound_relaxes"] = (
-                "persistent errors: the bound lets every camera's offset be known exactly, "
-                "the placement keeps the tolerance with the offsets unknown"
+                "persistent errors: in the bound, cameras whose views overlap have their offsets "
+                "known exactly; the placement keeps the tolerance with all offsets unknown"
             )
 
     def _worded(self, price: float) -> str:

@@ -12,6 +12,7 @@ from placement.fewest.beam import Beam
 from placement.fewest.bound import PROBE, Counting, Effort, whole_units
 from placement.objectives.navigation_chain import Drive
 from placement.objectives.tolerance import Tolerance, white_part
+from placement.objectives.windows.offsets import views_of
 from placement.problem import Problem
 from placement.solution import Status
 from placement.solve import solve
@@ -81,6 +82,7 @@ def counting_of(objective: Tolerance, number: int = 0) -> tuple[Counting, float]
     counting = Counting(
         white_part(objective.drives[number]), objective.limit, units > 0, given, units, C,
         objective.failures,
+        views_of(objective.drives[number]) if objective.drives[number].persistent else None,
     )  # fmt: skip
     return counting, unit
 
@@ -145,6 +147,9 @@ def test_persistent_errors_are_bounded_by_cameras_whose_offsets_are_known() -> N
         assert solution.value == best, seed
         assert solution.bound is not None
         assert solution.bound <= best
+        counting, _ = counting_of(objective)
+        counting.prove(C + 1, lambda: False)
+        assert counting.need <= best, seed
         assert "offset" in solution.stats["bound_relaxes"]
 
 
