@@ -129,8 +129,8 @@ def _smoke(data: str | None) -> Suite:
 def _camera(data: str | None) -> Suite:
     localisation = (
         "straight-80 bend-20 arc-50 straight-200 hairpin straight-free required grouped s-bend "
-        "s-bend-ellipse s-bend-covariance fisheye narrow two-heights mixed-free dense-mounts priced "
-        "separated winding country-5km norisring ims budapest spielberg"
+        "s-bend-ellipse s-bend-covariance fisheye narrow two-heights mixed-free dense-mounts "
+        "priced separated winding country-5km norisring ims budapest spielberg"
     )
     coupled = (
         "entropy-robot entropy-car entropy-car-20 entropy-dissertation zandvoort "
