@@ -2,7 +2,8 @@
 
 Budgets share what they can. One greedy run serves them all (its first k cameras are greedy's for
 k), and each of its states bounds every budget. The method then solves each budget in its share of
-the time, and what is known of one budget tightens the others:
+the time (`trace`: one relaxed decision diagram bounds them all, `placement.solvers.trace_curve`),
+and what is known of one budget tightens the others:
 
     a placement of k cameras is one for k + 1;          so values rise with k,
     opt(k) ≤ opt(k + 1);                                so a bound for k + 1 is one for k,
@@ -22,13 +23,18 @@ import pandas as pd
 
 from models.geometry import FloatArray
 from placement.bounds.linear import most_sum
+from placement.constraints import Infeasible
+from placement.interrupts import stop_on_request
 from placement.objectives.base import Demanding
-from placement.problem import Problem
+from placement.objectives.trace import Trace
+from placement.problem import Problem, Run
 from placement.solution import OPTIMAL_GAP, Solution, Status
-from placement.solve import outwards, solve
+from placement.solve import certified, outwards, solve
 
 Report = Callable[[str, float | None], None]
 MOST_BUDGETS = 1_000
+FIRST_SHARE = 1.0 / 3.0  # of a time limit, for the greatest budget
+LEAST_S = 0.05  # for any budget, where there is no time limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,17 +105,61 @@ def budget_curve(
     ]
     bounds = np.full(len(budgets), np.inf)
     solutions: list[Solution] = []
-    for n, each in enumerate(problems):
-        share = max(0.0, deadline - time.monotonic()) / (len(budgets) - n)
-        tell(f"budget {budgets[n]}", n / len(budgets))
-        solutions.append(solve(each, method, time_limit_s=share, seed=seed))
-        if solutions[-1].stats.get("stopped_by") == "interrupt":
-            deadline = time.monotonic()  # what is left takes no time worth speaking of
+    if len(budgets) > 1 and isinstance(problem.objective, Trace) and method in ("auto", "diagram"):
+        solutions = _by_one_diagram(problems, budgets, method, deadline, seed, tell)
+    if not solutions:
+        solutions = _one_by_one(problems, budgets, method, deadline, seed, tell)
     if not all(s.status.has_placement for s in solutions):
         return BudgetCurve(first, tuple(solutions))
     if problem.objective.submodular and time.monotonic() < deadline:
         bounds = _shared_bounds(problems, solutions, deadline)
     return BudgetCurve(first, _tightened(problem, first, solutions, bounds))
+
+
+def _one_by_one(
+    problems: list[Problem], budgets: range, method: str, deadline: float, seed: int, tell: Report
+) -> list[Solution]:
+    """Solve the greatest budget, then the others from the least on.
+
+    They share the time that is left; without a time limit, `auto` takes as much for all of them
+    as it took for the greatest.
+    """
+    started = time.monotonic()
+    limited = math.isfinite(deadline)
+    last = len(problems) - 1
+    found: dict[int, Solution] = {}
+    for n, at in enumerate([last, *range(last)]):
+        left = max(0.0, deadline - time.monotonic()) / (len(problems) - n)
+        if limited and n == 0:
+            left = FIRST_SHARE * (deadline - started) if last else deadline - started
+        tell(f"budget {budgets[at]}", n / len(problems))
+        found[at] = solve(problems[at], method, time_limit_s=left, seed=seed)
+        if n == 0 and not limited and method == "auto":
+            now = time.monotonic()
+            deadline = now + max(now - started, LEAST_S * last)
+        if found[at].stats.get("stopped_by") == "interrupt":
+            deadline = time.monotonic()  # what is left takes no time worth speaking of
+    return [found[at] for at in range(len(problems))]
+
+
+def _by_one_diagram(
+    problems: list[Problem], budgets: range, method: str, deadline: float, seed: int, tell: Report
+) -> list[Solution]:
+    """Solve all budgets of a `trace` problem by one diagram; none where it cannot."""
+    from placement.solvers.trace_curve import solve_trace_curve
+
+    started = time.monotonic()
+    run = Run(np.random.default_rng(seed), deadline, tell)
+    try:
+        with stop_on_request():
+            proposals = solve_trace_curve(problems[-1], budgets, run)
+    except (ValueError, ArithmeticError, Infeasible):  # views too long; or `solve` says what it is
+        return []
+    seconds = (time.monotonic() - started) / len(problems)
+    return [
+        certified(each, proposal, Run(run.rng), method, seconds, seed)
+        for each, proposal in zip(problems, proposals, strict=True)
+    ]
 
 
 def _shared_bounds(

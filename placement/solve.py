@@ -181,6 +181,13 @@ def solve(
         run.progress = progress
     with stop_on_request():
         proposal = _propose(solver_of, problem, run)
+    return certified(problem, proposal, run, method, time.monotonic() - start, seed)
+
+
+def certified(
+    problem: Problem, proposal: Proposal, run: Run, method: str, seconds: float, seed: int
+) -> Solution:
+    """Recompute what a proposal claims and say what is left of it."""
     selected, value, bound, status, stats = _judge(problem, proposal, run)
     objective = problem.objective
     return Solution(
@@ -192,7 +199,7 @@ def solve(
         selected=selected,
         value=value,
         bound=bound,
-        seconds=time.monotonic() - start,
+        seconds=seconds,
         seed=seed,
         stats=stats,
     )

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import itertools
+import math
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -8,9 +11,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from benchmarks.synthetic_drives import random_drive
 from placement.budget_curve import budget_curve, parse_budgets
 from placement.commands import solve_into
+from placement.constraints import count_only
+from placement.objectives.trace import Trace
 from placement.problem import Problem
+from placement.solution import Solution
+from placement.solve import solve
 from placement.verify import verify_folder
 
 NewProblem = Callable[..., Problem]
@@ -100,3 +108,50 @@ def test_the_command_writes_table_figure_and_the_last_solution(tmp_path: Path) -
 def test_bad_ranges_are_refused_in_one_line(text: str) -> None:
     with pytest.raises(ValueError, match="--budget must be A:B"):
         parse_budgets(text)
+
+
+def test_one_diagram_bounds_every_budget_of_trace() -> None:
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        offsets = 2 * int(rng.integers(2))
+        drives = [
+            random_drive(rng, 16, 8, isotropic=True, longest_window=6, offsets=offsets)
+            for _ in range(1 + seed % 2)
+        ]
+        objective = Trace(drives)
+        rules = replace(
+            count_only(8, 5), required=np.array([2] if seed % 3 == 0 else [], dtype=np.int64)
+        )
+        curve = budget_curve(Problem(objective, rules), 2, 5)
+        for n, found in enumerate(curve.solutions):
+            values = [
+                objective.value(np.array(s, dtype=np.int64))
+                for s in itertools.combinations(range(8), n + 2)
+                if set(rules.required.tolist()) <= set(s)
+            ]
+            assert found.bound is not None
+            assert found.bound <= min(values) * (1.0 + 1e-9)
+            assert found.value >= min(values) * (1.0 - 1e-9)
+            assert len(found.selected) <= n + 2
+            if not offsets:
+                assert found.bound >= 0.5 * min(values)  # and no empty promise
+        assert [s.value for s in curve.solutions] == sorted(
+            (s.value for s in curve.solutions), reverse=True
+        )
+
+
+def test_auto_takes_for_a_curve_no_more_than_twice_the_time_of_its_last_budget(
+    new_problem: NewProblem, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limits: list[float] = []
+
+    def watched(problem: Problem, method: str, **options: float) -> Solution:
+        limits.append(options["time_limit_s"])
+        time.sleep(0.05 if len(limits) == 1 else 0.0)
+        return solve(problem, "greedy", time_limit_s=math.inf)
+
+    monkeypatch.setattr("placement.budget_curve.solve", watched)
+    problem = new_problem(np.random.default_rng(0), n_candidates=9)
+    budget_curve(problem, 1, 4, "auto")
+    assert limits[0] == math.inf
+    assert max(limits[1:]) < 1.0
