@@ -109,7 +109,7 @@ class Counting:
     ) -> bool:
         """Raise `need` as far as it goes, or to `most`; return whether time sufficed."""
         try:
-            if not self._probe(stop, tell):
+            if not self.course.failures and not self._probe(stop, tell):
                 return True
             while self.need < min(most, MOST_UNITS):
                 k = self.need
