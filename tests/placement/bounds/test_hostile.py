@@ -34,7 +34,7 @@ from placement.solve import METHODS, solve
 ALL = 2000
 # What float64 leaves of a value: two sums of the same terms in another order.
 ROUNDING = 1e-9
-EXACT = {"localisation": ("mip", "chain", "auto"), "entropy": ("mip",), "trace": (), "log_det": ()}
+EXACT = {"localisation": ("mip", "auto"), "entropy": ("mip",), "trace": (), "log_det": ()}
 
 
 @pytest.fixture(autouse=True)
@@ -158,6 +158,9 @@ def hold_methods(problem: Problem, scores: dict[tuple[int, ...], float], seed: i
             assert f"method {method} needs" in str(error), (seed, method, error)
             continue
         assert not problem.constraints.violations(found.selected), (seed, method)
+        if found.status is Status.NUMERICAL_ERROR and objective.name == "log_det":
+            assert found.bound is None  # past a condition of 1e9 `branch` may own up, not claim
+            continue
         assert found.status in (Status.OPTIMAL, Status.FEASIBLE), (seed, method, found.stats)
         assert sign * found.value <= best + off, (seed, method)
         if found.bound is not None:
