@@ -40,6 +40,10 @@ STUDIES: dict[str, Study] = {
         "reports.camera_sets:run",
         "what each method finds for 1 to 20 cameras, and which objective foretells the car",
     ),
+    "construction": Study(
+        "reports.construction:run",
+        "which road to build round obstacles, each judged with its own best cameras",
+    ),
     "closed-loop": Study(
         "reports.closed_loop:run",
         "how far dead reckoning drifts, and which filter's covariance tells the truth",
