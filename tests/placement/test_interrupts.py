@@ -21,12 +21,13 @@ from placement.budget_curve import budget_curve
 from placement.constraints import count_only
 from placement.interrupts import asked_to_stop
 from placement.objectives.entropy import Entropy
+from placement.objectives.tolerance import Tolerance
 from placement.objectives.trace import Trace
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
 from placement.solve import METHODS, solve
 
-OBJECTIVES = {"diagram": "trace", "tempered": "entropy"}
+OBJECTIVES = {"diagram": "trace", "tempered": "entropy", "tolerance": "tolerance"}
 
 
 def problem_for(method: str, new_problem: Callable[..., Problem]) -> Problem:
@@ -36,6 +37,8 @@ def problem_for(method: str, new_problem: Callable[..., Problem]) -> Problem:
     if kind == "localisation":
         return new_problem(rng, n_candidates=60, n_samples=80, budget=6)
     drive = random_drive(rng, n_samples=60, n_candidates=40)
+    if kind == "tolerance":
+        return Problem(Tolerance([drive], 0.4), count_only(40, 40), np.arange(40.0), 60.0)
     objective = Entropy([drive]) if kind == "entropy" else Trace([drive])
     return Problem(objective, count_only(40, 5), np.arange(40.0), 60.0)
 

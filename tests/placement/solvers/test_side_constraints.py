@@ -16,7 +16,7 @@ from placement.solve import METHODS, solve
 
 ABLE = [name for name, method in METHODS.items() if len(method.keeps) == 2]
 # Made for one objective, and not the one these problems have.
-OTHERS = {"tempered", "diagram"}
+OTHERS = {"tempered", "diagram", "tolerance"}
 NewProblem = Callable[..., Problem]
 BruteForce = Callable[[Problem], tuple[float, tuple[int, ...]]]
 
