@@ -13,6 +13,8 @@ bounds what could be had if the offsets were known, and so what can be had (docs
 
 from __future__ import annotations
 
+import math
+import time
 from dataclasses import astuple, dataclass, field, replace
 from typing import Any
 
@@ -40,16 +42,19 @@ class Effort:
     slots: int  # labels inside clusters, for each end and class
 
 
-# Each sweep costs two to four times the one before; beyond the last, memory is the limit.
+# Each sweep costs two to four times the one before; beyond the last, memory is the limit. What
+# helps differs: on `winding` labels inside clusters, on `circuit` those between them.
 EFFORTS = (
     Effort(12, 2, 1),
-    Effort(40, 4, 2),
-    Effort(100, 8, 4),
-    Effort(200, 12, 6),
+    Effort(60, 4, 2),
+    Effort(120, 8, 4),
+    Effort(250, 8, 4),
     Effort(400, 16, 8),
     Effort(800, 24, 8),
     Effort(1600, 32, 12),
 )
+QUICK = (Effort(12, 2, 1), Effort(120, 8, 4), Effort(400, 16, 8))
+LABELS_GROW = 4.0  # times from one quick effort to the next, at most
 PROBE = Effort(60, 1, 1)
 PROBE_EPSILON = 0.2
 GROWTH = 2.3  # times as long as the one before takes the next sweep
@@ -76,10 +81,10 @@ def solve_diagram(problem: Problem, run: Run) -> Proposal:
 class Proof:
     """The incumbent, the diagrams of the drives, and what was proven.
 
-    `most_labels` ends the refinement before a sweep that would take the labels of all sweeps
-    beyond that many. `known` is the problem with all offsets known, the same where there are none;
-    `selected` and `value` are the best placement of that one, `incumbent` and `true_value` of the
-    problem itself.
+    `most_labels` takes the quick efforts and ends before a sweep that would take the labels of
+    all sweeps beyond that many. `known` is the problem with all offsets known, the same where
+    there are none; `selected` and `value` are the best placement of that one, `incumbent` and
+    `true_value` of the problem itself.
     """
 
     problem: Problem
@@ -131,7 +136,7 @@ class Proof:
             for at in range(len(self._diagrams)):
                 self._sweep(at, PROBE, probing=True)
             last = PROBE
-            for wanted in EFFORTS:
+            for wanted in EFFORTS if math.isinf(self.most_labels) else QUICK:
                 effort = self._affordable(last, wanted)
                 if effort is None or not self._refined(effort):
                     break
@@ -170,7 +175,7 @@ class Proof:
             return wanted
         done = self.sweeps[-len(self._diagrams) :]
         labels = sum(s["labels"] for s in done)
-        if sum(s["labels"] for s in self.sweeps) + 2 * labels > self.most_labels:
+        if sum(s["labels"] for s in self.sweeps) + LABELS_GROW * labels > self.most_labels:
             return None
         seconds = max(1e-3, sum(s["seconds"] for s in done))
         affordable = 0.8 * (self.run.remaining() - LEAVE_TIME_S) / seconds
@@ -277,8 +282,6 @@ class shortened:  # noqa: N801 - reads as a verb after `with`
 
     def __enter__(self) -> None:
         """Bring the deadline forward."""
-        import time
-
         self.run.deadline = min(self.deadline, time.monotonic() + self.seconds)
 
     def __exit__(self, *_: object) -> None:

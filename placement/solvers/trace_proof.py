@@ -33,7 +33,7 @@ from placement.solvers.diagram import Proof, publish, shortened
 from placement.solvers.exchange import polish
 from placement.solvers.search import solve_search
 
-MOST_LABELS = 16e6  # about 20 s
+MOST_LABELS = 20e6  # about 20 s
 DEAR_S = 10.0
 FAINT = 1e-3  # of a camera: less is left out of a fractional choice, which stays a choice
 EVERYWHERE = "every camera at once"
