@@ -29,9 +29,12 @@ def region_tasks(
     floor: float,
     price: float,
     steps: int,
-) -> tuple[list[RegionTask], int]:
-    """Cut the candidates that gain more than `floor` alone into regions; count their mounts."""
-    indptr, indices, blocks = problem.csr
+) -> tuple[list[tuple[RegionTask, IntArray]], int]:
+    """Cut the candidates that gain more than `floor` alone into regions; count their mounts.
+
+    Each comes with its rows in the problem.
+    """
+    indptr, indices, _ = problem.csr
     active = np.flatnonzero(alone > floor)
     if not active.size:
         return [], 0
@@ -47,28 +50,43 @@ def region_tasks(
     order = order[np.lexsort((problem.group[active[order]], place[order]))]
     rank = np.full(len(indptr) - 1, -1, dtype=np.int64)
     rank[chosen] = np.arange(len(chosen))
-    tasks = []
-    for part in np.split(order, np.flatnonzero(np.diff(place[order])) + 1):
-        rows, many = active[part], counts[part]
-        start = np.flatnonzero(np.diff(problem.group[rows], prepend=-1))
-        here = np.concatenate([[0], np.cumsum(many)]).astype(np.int64)
-        at = np.repeat(indptr[rows] - here[:-1], many) + np.arange(here[-1])
-        samples, local = np.unique(indices[at], return_inverse=True)
-        held = np.flatnonzero(rank[rows] >= 0)
-        tasks.append(
-            RegionTask(
-                start=np.append(start, len(rows)).astype(np.int64),
-                indptr=here,
-                indices=local.astype(np.int32),
-                blocks=blocks[at],
-                weights=problem.weights[samples],
-                scale=problem.scale,
-                chosen=held[np.argsort(rank[rows[held]])].astype(np.int64),
-                price=price,
-                steps=steps,
-            )
-        )
+    tasks = [
+        _task(problem, active[part], rank, price, steps)
+        for part in np.split(order, np.flatnonzero(np.diff(place[order])) + 1)
+    ]
     return tasks, int(np.unique(problem.group[active]).size)
+
+
+def whole_task(problem: CityProblem, rows: IntArray, chosen: IntArray) -> RegionTask:
+    """Return the candidates `rows` (rising) as one task, `chosen` those of them in place."""
+    rank = np.full(len(problem.group), -1, dtype=np.int64)
+    rank[chosen] = np.arange(len(chosen))
+    return _task(problem, rows, rank, 0.0, 0)[0]
+
+
+def _task(
+    problem: CityProblem, rows: IntArray, rank: IntArray, price: float, steps: int
+) -> tuple[RegionTask, IntArray]:
+    """Cut candidates `rows` out; `rank` (c,) is the place of each in the placement, −1 if none."""
+    indptr, indices, blocks = problem.csr
+    many = np.diff(indptr)[rows]
+    start = np.flatnonzero(np.diff(problem.group[rows], prepend=-1))
+    here = np.concatenate([[0], np.cumsum(many)]).astype(np.int64)
+    at = np.repeat(indptr[rows] - here[:-1], many) + np.arange(here[-1])
+    samples, local = np.unique(indices[at], return_inverse=True)
+    held = np.flatnonzero(rank[rows] >= 0)
+    task = RegionTask(
+        start=np.append(start, len(rows)).astype(np.int64),
+        indptr=here,
+        indices=local.astype(np.int32),
+        blocks=blocks[at],
+        weights=problem.weights[samples],
+        scale=problem.scale,
+        chosen=held[np.argsort(rank[rows[held]])].astype(np.int64),
+        price=price,
+        steps=steps,
+    )
+    return task, rows
 
 
 def _islands(group: IntArray, indptr: IntArray, indices: IntArray) -> IntArray:

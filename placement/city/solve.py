@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from models.geometry import FloatArray, IntArray
-from placement.city.greedy import first_gains, lazy_greedy, stochastic_greedy
+from models.geometry import BoolArray, FloatArray, IntArray
+from placement.city.greedy import add_row, first_gains, lazy_greedy, stochastic_greedy
 from placement.city.information import ChunkTask, Site, chunk_task, compute_chunk
 from placement.city.partitions import partitioned_greedy
 from placement.city.prices import RegionPrice, certificate, price_region
-from placement.city.regions import region_tasks
+from placement.city.regions import region_tasks, whole_task
+from placement.city.swaps import swap_cameras, swap_region
 from placement.cluster import Serial, Work
 from placement.information.chunks import Chunk, ChunkStore, fill, gather
 
@@ -158,9 +159,11 @@ def solve_city(
         chosen, gains = sampled(problem, budget, np.random.default_rng(seed))
     else:
         chosen, gains = greedy(problem, budget, alone)
+    last = float(gains[-1]) if len(gains) == budget else 0.0
+    report("swaps", None)
+    chosen, swaps = swapped(problem, chosen, alone, last, work or Serial())
     placed = time.monotonic()
     value = problem.value(chosen)
-    last = float(gains[-1]) if len(gains) == budget else 0.0
     report("certificate", None)
     bound, price, regions = prove(problem, budget, alone, chosen, last, work or Serial(), steps)
     return CitySolution(
@@ -171,8 +174,10 @@ def solve_city(
         price=price,
         stats={
             "method": method,
+            "greedy_value": float(np.sum(gains)),
+            "swaps": swaps,
             "regions": regions,
-            "greedy_seconds": placed - started,
+            "placement_seconds": placed - started,
             "certificate_seconds": time.monotonic() - placed,
         },
     )
@@ -187,24 +192,68 @@ def alone_gains(problem: CityProblem) -> FloatArray:
     return alone
 
 
-def greedy(problem: CityProblem, budget: int, alone: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return the rows that lazy greedy chooses, in order, and their gains."""
-    chosen, gains = np.zeros(budget, np.int64), np.zeros(budget)
+def greedy(
+    problem: CityProblem,
+    budget: int,
+    alone: FloatArray,
+    allowed: BoolArray | None = None,
+    required: IntArray | None = None,
+) -> tuple[IntArray, FloatArray]:
+    """Return the rows that lazy greedy chooses, `required` first, and the gains of the others.
+
+    `allowed` (c,) marks the candidates that may be chosen.
+    """
+    sums = np.zeros((problem.n_samples, 3))
+    taken = np.zeros(problem.n_mounts, np.bool_)
+    first = np.empty(0, np.int64) if required is None else required
+    for i in first:
+        add_row(int(i), 1.0, *problem.csr, sums)
+        taken[problem.group[i]] = True
+    room = budget - len(first)
+    chosen, gains = np.zeros(room, np.int64), np.zeros(room)
     added, _ = lazy_greedy(
         *problem.csr,
         problem.weights,
         problem.scale,
         problem.group,
-        np.ones(len(alone), np.bool_),
-        np.zeros(problem.n_mounts, np.bool_),
-        budget,
+        np.ones(len(alone), np.bool_) if allowed is None else allowed,
+        taken,
+        room,
         0.0,
-        np.zeros((problem.n_samples, 3)),
+        sums,
         alone.copy(),
         chosen,
         gains,
     )
-    return chosen[:added], gains[:added]
+    return np.concatenate([first, chosen[:added]]), gains[:added]
+
+
+def swapped(
+    problem: CityProblem,
+    chosen: IntArray,
+    alone: FloatArray,
+    last: float,
+    work: Work,
+    required: IntArray | None = None,
+) -> tuple[IntArray, int]:
+    """Swap cameras while that helps, among candidates worth one: rows anew, and how many swaps.
+
+    `required` rows stay; then nothing is done in parallel.
+    """
+    parts, _ = region_tasks(problem, alone, chosen, _ABOVE * last, last, 0)
+    if not parts:
+        return chosen, 0
+    rows = np.unique(np.concatenate([chosen, *(rows for _, rows in parts)]))
+    whole = whole_task(problem, rows, chosen)
+    inside = np.isin(chosen, np.concatenate([own for _, own in parts])).all()
+    if not inside or (required is not None and len(required)):
+        # Some camera is in no region: regions by themselves would not know what it sees.
+        fixed = np.empty(0, np.int64) if required is None else required
+        found, swaps = swap_region(whole, np.isin(rows, fixed))
+    else:
+        cut = [(task, np.searchsorted(rows, own)) for task, own in parts]
+        found, swaps = swap_cameras(whole, cut, work)
+    return rows[found], swaps
 
 
 def sampled(
@@ -247,7 +296,7 @@ def prove(
     floor = _ABOVE * price
     tasks, mounts = region_tasks(problem, alone, chosen, floor, price, steps)
     found: list[RegionPrice | None] = [None] * len(tasks)
-    for i, result in work.run(price_region, tasks, "region"):
+    for i, result in work.run(price_region, [task for task, _ in tasks], "region"):
         found[i] = result
     prices = [result for result in found if result is not None]
     bound, price = certificate(prices, budget, floor, problem.n_mounts - mounts)

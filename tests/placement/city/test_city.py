@@ -28,6 +28,7 @@ from placement.city.solve import (
     open_store,
     prove,
     solve_city,
+    swapped,
 )
 from placement.cluster import Serial
 from placement.information import Information, compute_information
@@ -227,7 +228,7 @@ def test_regions_that_share_samples_still_add_up_to_a_bound(
     # Cut apart by force, mount by mount: looser, and still a bound.
     tasks, mounts = region_tasks(problem, alone, chosen, 0.0, float(gains[-1]), 20)
     parts = []
-    for task in tasks:
+    for task, _ in tasks:
         for m in range(len(task.start) - 1):
             rows = np.arange(task.start[m], task.start[m + 1])
             at = np.concatenate([np.arange(task.indptr[i], task.indptr[i + 1]) for i in rows])
@@ -255,6 +256,34 @@ def test_the_certificate_of_a_small_city_is_close(problem: CityProblem) -> None:
     solution = solve_city(problem, 10)
     assert 0.0 <= solution.gap <= 0.05
     assert solution.price > 0.0
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("entries", [1, 10**6])
+def test_no_single_swap_is_left_that_helps(
+    seed: int, entries: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("placement.city.regions.REGION_ENTRIES", entries)
+    problem = small_problem(np.random.default_rng(seed), c=14)
+    alone = alone_gains(problem)
+    start = np.flatnonzero(np.diff(problem.group, append=99))
+    found, swaps = swapped(problem, start[:3], alone, 0.0, Serial())
+    value = problem.value(found)
+    assert value >= problem.value(start[:3])
+    assert swaps > 0 or value == problem.value(start[:3])
+    assert len(set(problem.group[found])) == len(found) == 3
+    for n, j in itertools.product(range(3), range(len(problem.group))):
+        other = np.append(np.delete(found, n), j)
+        if len(set(problem.group[other])) == 3:
+            assert problem.value(other) <= value * (1.0 + 1e-6)
+
+
+def test_required_cameras_stay(problem: CityProblem) -> None:
+    alone = alone_gains(problem)
+    worst = np.array([int(np.argmin(alone))])
+    chosen, gains = greedy(problem, 6, alone, required=worst)
+    found, _ = swapped(problem, chosen, alone, float(gains[-1]), Serial(), worst)
+    assert worst[0] in found
 
 
 def test_partitions_find_almost_what_greedy_finds(problem: CityProblem) -> None:
