@@ -10,6 +10,8 @@ proven so far are what is returned.
 from __future__ import annotations
 
 import math
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -25,6 +27,7 @@ from placement.objectives.windows.offsets import views_of
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
 
+GRACE_S = 0.6  # for a first placement, however little time there is
 LEAVE_TIME_S = 0.3  # for the verb's own checks, out of the time limit
 WIDTHS = (1, 4, 16)  # of the beam before anything is proven
 WIDER = (50, 150, 400)  # and after, while the two do not meet
@@ -60,8 +63,11 @@ class Search:
     def explore(self) -> Proposal:
         """Construct, prove, construct again; say what came of it."""
         whole = self.run.remaining()
+        grace = time.monotonic() + GRACE_S
         for width in WIDTHS:
-            self._construct(self.problem.constraints, width)
+            # stopped at once, there shall still be a placement
+            stop = self._stop if self.incumbent else lambda: self._stop() and late(grace)
+            self._construct(self.problem.constraints, width, stop)
             if self.run.remaining() < (1.0 - SHARE) * whole:
                 break
         if self.incumbent is None:
@@ -86,9 +92,11 @@ class Search:
     def _closed(self) -> bool:
         return self.need >= self.price * (1.0 - 1e-9)
 
-    def _construct(self, constraints: Constraints, width: int) -> None:
+    def _construct(
+        self, constraints: Constraints, width: int, stop: Callable[[], bool] | None = None
+    ) -> None:
         """Build by a beam; take what is better than the incumbent, improved."""
-        beam = Beam(self.objective, constraints, width, self._stop)
+        beam = Beam(self.objective, constraints, width, stop or self._stop)
 
         def tell(text: str) -> None:
             known = "" if self.incumbent is None else f", {self._worded(self.price)} known to do"
@@ -194,6 +202,11 @@ class Search:
             f"{least} (proven){known}"
         )
         return Proposal([], None, Status.INFEASIBLE, {"reason": reason, "lower_bound": count})
+
+
+def late(until: float) -> bool:
+    """Return whether a moment has passed."""
+    return time.monotonic() >= until
 
 
 def improved(

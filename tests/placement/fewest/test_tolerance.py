@@ -262,11 +262,12 @@ def test_reach_with_persistent_offsets_is_that_of_the_whole_filter() -> None:
             assert int(got) == wanted, seed
 
 
-def test_no_time_gives_what_is_known_and_a_stopped_beam_nothing() -> None:
+def test_no_time_gives_a_placement_with_a_bound_and_a_stopped_beam_nothing() -> None:
     objective = tiny(np.random.default_rng(12))
     hurried = solve(Problem(objective, count_only(C, C)), time_limit_s=0.0)
-    assert hurried.status is Status.INFEASIBLE
-    assert "time limit" in hurried.stats["reason"]
+    assert hurried.status in (Status.TIME_LIMIT, Status.OPTIMAL)
+    assert hurried.bound is not None
+    assert hurried.bound <= best_price(objective) <= hurried.value
     assert Beam(objective, count_only(C, C), 3, lambda: True).search() is None
 
 
