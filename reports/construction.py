@@ -145,11 +145,16 @@ def run(
 
 
 def _counts(name: str, choice: Choice, counts: tuple[int, ...], seed: int) -> pd.DataFrame:
-    """Place k cameras along each road of the front, for several k."""
-    rows = []
+    """Place k cameras along the best road of each class, for several k."""
+    best: dict[tuple[int, ...], int] = {}
     for n, one in enumerate(choice.judged):
-        if not choice.front[n]:
-            continue
+        known = best.get(one.road.word)
+        better = known is None or one.error_m2 < choice.judged[known].error_m2
+        if one.solution is not None and better:
+            best[one.road.word] = n
+    rows = []
+    for n in sorted(best.values()):
+        one = choice.judged[n]
         for k in counts:
             found = judge(
                 one.instance.changed({"budget.cameras": k}), one.road, "greedy", seed=seed

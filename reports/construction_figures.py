@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import ScalarFormatter
 
 from models.construction.homotopy import spelled
 from models.footprints import footprint_polygon
@@ -131,6 +132,9 @@ def draw_counts(table: pd.DataFrame) -> Figure:
                 )  # fmt: skip
             ax.set_title(name, fontsize=9)
             ax.set_yscale("log")
+            ax.set_yticks([2, 5, 10, 20, 50, 100])
+            ax.minorticks_off()
+            ax.yaxis.set_major_formatter(ScalarFormatter())
             ax.set_xlabel("cameras k")
             ax.xaxis.set_tick_params(labelbottom=True)
             ax.legend(fontsize=6)
