@@ -66,7 +66,9 @@ def solve_with_cuts(subject: Subject, limits: Limits) -> Answer:
         levels = f.information.n_samples
     else:
         raise CannotSayError(f"{f.name} has no cuts to give")
-    z = [model.addVar(lb=0.0, ub=None, name=f"z{t}") for t in range(levels)]
+    first = handler.first(constraints.n)
+    cut = set(np.concatenate([cuts.sample for cuts in first]).tolist())  # the others nobody sees
+    z = [model.addVar(lb=0.0, ub=None if t in cut else 0.0) for t in range(levels)]
     handler.x, handler.z = x, z
     model.includeConshdlr(
         handler,
@@ -78,7 +80,7 @@ def solve_with_cuts(subject: Subject, limits: Limits) -> Answer:
         sepafreq=1,
         needscons=False,
     )
-    for cuts in handler.first(constraints.n):
+    for cuts in first:
         for row in _rows_of(cuts, x, z):
             model.addCons(row)
     model.setObjective(quicksum(z), "maximize")

@@ -49,7 +49,6 @@ THREADS = (
     "NUMBA_NUM_THREADS",
     "RAYON_NUM_THREADS",
 )
-GRACE_S = 60.0  # beyond twice the time limit, to build the instance and to hear the referee
 
 
 @dataclass(frozen=True, slots=True)

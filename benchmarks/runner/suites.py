@@ -16,8 +16,8 @@ ROAD_RIVALS = ("cvxpy-clarabel", "cvxpy-scs", "scip", "scip-cuts", "apricot", "s
 class Suite:
     """Solvers × cases × seeds × repeats. `solvers` gives those of each kind of case by name.
 
-    A process is ended at `hard_limit_s`: beyond the time limit there are only building, warming
-    up and the referee.
+    A process is ended at `hard_limit_s`: beyond the time limit there are building, compiling,
+    warming up and the referee.
     """
 
     name: str
@@ -31,7 +31,7 @@ class Suite:
     @property
     def hard_limit_s(self) -> float:
         """Seconds after which a job's process is killed."""
-        return 2.0 * self.time_limit_s + 60.0
+        return 2.0 * self.time_limit_s + 120.0
 
     def solvers_of(self, case: Case) -> tuple[str, ...]:
         """Return the solvers that are tried on `case`: by its name, else by its kind."""
