@@ -207,11 +207,23 @@ def gains_after(rows, Y, made_up, axes, pulls, turns, out):  # type: ignore[no-u
                 square += Y[i, 0, a] * Y[i, 0, a]
             out[at] = np.log1p(square)
         else:
-            block = Y[i] @ Y[i].T
-            for k in range(r):
-                block[k, k] += 1.0
-            L = np.linalg.cholesky(block)
+            # column by column, each turning those after it: det(I + YᵀY) would lose what nearly
+            # parallel columns have in common
             total = 0.0
+            left = Y[i].copy()
             for k in range(r):
-                total += 2.0 * np.log(L[k, k])
+                square = 0.0
+                for a in range(n):
+                    square += left[k, a] * left[k, a]
+                total += np.log1p(square)
+                if square == 0.0:
+                    continue
+                pull = (1.0 - 1.0 / np.sqrt(1.0 + square)) / square
+                for other in range(k + 1, r):
+                    inner = 0.0
+                    for a in range(n):
+                        inner += left[k, a] * left[other, a]
+                    inner *= pull
+                    for a in range(n):
+                        left[other, a] -= inner * left[k, a]
             out[at] = total
