@@ -135,10 +135,11 @@ class Constraints:
         """Mark the candidates (n,) that some placement may hold next to the required ones."""
         mask = np.ones(self.n, dtype=np.bool_)
         mask[self.forbidden] = False
-        taken = self.group[self.required]
-        taken = taken[taken >= 0]
-        mask[np.isin(self.group, taken)] = False
-        mask &= self._compatible(np.unique(self.required))
+        if self.required.size:
+            taken = self.group[self.required]
+            mask[np.isin(self.group, taken[taken >= 0])] = False
+        if self.limits_money or self.separation_m:
+            mask &= self._compatible(np.unique(self.required))
         mask[self.required] = True
         return mask
 
@@ -150,8 +151,11 @@ class Constraints:
         mask[:] = True
         mask[self.forbidden] = False
         taken = self.group[selected]
-        mask[np.isin(self.group, taken[taken >= 0])] = False
-        mask &= self._compatible(selected)
+        taken = taken[taken >= 0]
+        if taken.size:
+            mask[np.isin(self.group, taken)] = False
+        if self.limits_money or self.separation_m:
+            mask &= self._compatible(selected)
         mask[selected] = False
         return mask
 

@@ -23,8 +23,10 @@ def best_sum(constraints: Constraints, worth: FloatArray) -> tuple[IntArray, flo
     out: the maximum bounds that of placements, and S may break them.
     """
     usable = constraints.usable()
-    usable[constraints.required] = False
-    required = np.unique(constraints.required)
+    required = constraints.required
+    if required.size:
+        usable[required] = False
+        required = np.unique(required)
     candidates = np.flatnonzero(usable & (worth > 0.0))
     group = constraints.group[candidates]
     grouped = candidates[group >= 0]
