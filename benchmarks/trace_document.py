@@ -1,0 +1,94 @@
+"""Measure the tables of docs/trace-bound.md: `python -m benchmarks.trace_document [tables]`.
+
+`gaps` takes two hours with its time limit of ten minutes a case; `--time-limit` shortens it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+from benchmarks.readme_tables import replace_table
+from benchmarks.trace_bounds import PROFILES, table, winding, with_budget
+from placement.budget_curve import budget_curve
+from placement.solve import solve
+from placement.validation import validate
+
+DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "trace-bound.md"
+TABLES = ("gaps", "closed loop", "curve")
+CURVE = (1, 40)
+SHOWN = (1, 2, 3, 5, 10, 15, 20, 30, 40)
+
+
+def main() -> None:
+    """Fill the tables that are asked for, all by default."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("tables", nargs="*", default=list(TABLES), help=f"of {', '.join(TABLES)}")
+    parser.add_argument("--time-limit", type=float, default=600.0, help="seconds for each gap")
+    parser.add_argument("--runs", type=int, default=200, help="drives for each closed loop")
+    options = parser.parse_args()
+    for name in options.tables:
+        if name == "gaps":
+            made = f"Time limit {options.time_limit:.0f} s a case.\n\n" + table(options.time_limit)
+        elif name == "closed loop":
+            made = closed_loop_table(options.runs, min(options.time_limit, 60.0))
+        elif name == "curve":
+            made = curve_table()
+        else:
+            raise SystemExit(f"tables must be of {', '.join(TABLES)}, got {name!r}")
+        DOCUMENT.write_text(replace_table(DOCUMENT.read_text("utf-8"), name, made), "utf-8")
+        sys.stdout.write(f"{name}\n{made}\n\n")
+
+
+def closed_loop_table(runs: int, time_limit_s: float, budget: int = 10) -> str:
+    """Return what greedy's, the swapped and the diagram's placements do when driven."""
+    lines = [
+        "| odometry | method | trace, m² | predicted rms, m | simulated rms, m "
+        "| cross-track rms, m | cross-track against `diagram` |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for profile in PROFILES:
+        scene = winding(profile)
+        problem = with_budget(scene.problem, budget)
+        rows = []
+        for method in ("greedy", "exchange", "diagram"):
+            found = solve(problem, method, time_limit_s=time_limit_s)
+            driven = validate(scene, found.selected, runs=runs).summary["filters"]["ekf"]
+            rows.append((method, found.value, driven))
+        best = rows[-1][2]["cross_track_rms_m"]
+        for method, value, driven in rows:
+            worse = 100.0 * (driven["cross_track_rms_m"] / best - 1.0)
+            lines.append(
+                f"| {profile} | `{method}` | {value:.4g} | {driven['predicted_rms_m']:.3f} "
+                f"| {driven['simulated_rms_m']:.3f} | {driven['cross_track_rms_m']:.3f} "
+                f"| {worse:+.0f} % |"
+            )
+    return "\n".join(lines)
+
+
+def curve_table() -> str:
+    """Return some budgets of the curve, and its time against that of its last budget alone."""
+    problem = winding("car").problem
+    started = time.process_time()
+    alone = solve(with_budget(problem, CURVE[1]), "auto")
+    alone_s, started = time.process_time() - started, time.process_time()
+    curve = budget_curve(problem, *CURVE)
+    curve_s = time.process_time() - started
+    lines = ["| k | value, m² | lower bound, m² | gap |", "| --- | --- | --- | --- |"]
+    for k in SHOWN:
+        s = curve.solutions[k - CURVE[0]]
+        gap = "none" if s.gap is None else f"{100.0 * s.gap:.2g} %"
+        lines.append(f"| {k} | {s.value:.5g} | {s.bound or 0.0:.5g} | {gap} |")
+    own = "none" if alone.gap is None else f"{100.0 * alone.gap:.2g} %"
+    lines.append("")
+    lines.append(
+        f"All forty budgets: {curve_s:.0f} s. k = {CURVE[1]} alone by `auto`: {alone_s:.0f} s, "
+        f"gap {own}."
+    )
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    main()
