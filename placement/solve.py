@@ -120,6 +120,11 @@ METHODS: dict[str, Method] = {
         "chain bound along the road, elimination, exact search by labels",
         proves_bound=True,
     ),
+    "regions": Method(
+        "placement.solvers.regions:solve_regions",
+        "localisation on millions of poses: lazy greedy, swaps, cuts at one price a camera",
+        proves_bound=True,
+    ),
     "diagram": Method(
         "placement.solvers.diagram:solve_diagram",
         "trace: relaxed decision diagram along the road, refined until the bound closes",

@@ -292,8 +292,8 @@ def prove(
     `alone` (c,) is what each candidate gains alone, `chosen` a good placement, `last` what its last
     camera gains.
     """
-    price = max(1.005 * last, 1e-12)
-    floor = _ABOVE * price
+    floor = _ABOVE * last
+    price = max(1.005 * last, 1e-9 * float(alone.max(initial=0.0)), 1e-300)
     tasks, mounts = region_tasks(problem, alone, chosen, floor, price, steps)
     found: list[RegionPrice | None] = [None] * len(tasks)
     for i, result in work.run(price_region, [task for task, _ in tasks], "region"):
@@ -301,6 +301,24 @@ def prove(
     prices = [result for result in found if result is not None]
     bound, price = certificate(prices, budget, floor, problem.n_mounts - mounts)
     return bound, price, len(tasks)
+
+
+def residual_bound(problem: CityProblem, chosen: IntArray, allowed: BoolArray, room: int) -> float:
+    """Bound placements of `chosen`'s required cameras and `room` others: f(S) + the best gains.
+
+    The data-dependent bound of greedy, which is tight where all that helps has been chosen.
+    """
+    c = len(problem.group)
+    sums = np.zeros((problem.n_samples, 3))
+    for i in chosen:
+        add_row(int(i), 1.0, *problem.csr, sums)
+    gains = np.zeros(c)
+    first_gains(*problem.csr, problem.weights, problem.scale, sums, 0, c, gains)
+    gains[~allowed] = 0.0
+    gains[chosen] = 0.0
+    best = np.zeros(problem.n_mounts)
+    np.maximum.at(best, problem.group, gains)
+    return problem.value(chosen) + float(np.sort(best)[::-1][:room].sum())
 
 
 def open_store(folder: Path, site: Site, key: dict[str, Any]) -> ChunkStore:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from placement.city.solve import CityProblem, alone_gains, greedy, prove, swapped
+from placement.city.solve import CityProblem, alone_gains, greedy, prove, residual_bound, swapped
 from placement.cluster import Serial
 from placement.guarantees import greedy_guarantee
 from placement.information.chunks import Chunk
@@ -50,6 +50,8 @@ def solve_regions(problem: Problem, run: Run) -> Proposal:
     run.progress("certificate", None)
     # Required poses are bounded like the others: with fewer rules the bound only rises.
     bound, price, regions = prove(city, constraints.budget, allowed_alone, chosen, last, Serial())
+    room = constraints.budget - len(required)
+    bound = min(bound, residual_bound(city, chosen, allowed, room))
     return Proposal(
         run.incumbent, bound, Status.FEASIBLE, {**stats, "price": price, "regions": regions}
     )

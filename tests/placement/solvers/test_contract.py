@@ -30,6 +30,7 @@ READY = [
     "relaxation",
     "mip",
     "chain",
+    "regions",
 ]
 # Methods that find the optimum of small problems and prove it.
 EXACT: list[str] = ["auto", "mip", "chain"]
