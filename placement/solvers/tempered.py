@@ -260,7 +260,8 @@ class Proof:
         known = self.stats["bounds"].get(stage, np.inf)
         self.stats["bounds"][stage] = min(known, bound)
         if self.run.score_bound is None or bound <= self.run.score_bound:
-            if self.run.score_bound is None or bound < self.run.score_bound:
+            first = "bound_from" not in self.stats
+            if first or self.run.score_bound is None or bound < self.run.score_bound:
                 self.stats["bound_from"] = stage
             self.run.score_bound = bound
         gap = (self.run.score_bound - self.score) / max(abs(self.score), 1e-300)
