@@ -142,3 +142,7 @@ def grids(scene: Scene, least: int) -> list[tuple[int, IntArray]]:
                     if len(chosen) >= least:
                         found.append((len(chosen), np.array(chosen, dtype=np.int64)))
     return sorted(found, key=lambda grid: grid[0])
+
+
+if __name__ == "__main__":
+    main()
