@@ -175,10 +175,9 @@ def test_every_problem_gets_a_line() -> None:
     assert len(found) == 4
 
 
-def test_what_comes_later_is_refused_by_name() -> None:
-    assert problems(road={"construct": {"start": [0, 0, 0], "goal": [9, 0, 0]}}) == [
-        "road.construct is not supported yet: give road.pieces or road.file"
-    ]
+def test_a_road_to_be_constructed_is_accepted() -> None:
+    instance = instance_from_dict({"road": {"construct": {"start": [0, 0, 0], "goal": [9, 0, 0]}}})
+    assert instance.road.constructed is not None
 
 
 def test_every_key_of_the_design_is_known() -> None:
