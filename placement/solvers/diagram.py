@@ -53,8 +53,8 @@ EFFORTS = (
     Effort(800, 24, 8),
     Effort(1600, 32, 12),
 )
-QUICK = (Effort(12, 2, 1), Effort(120, 8, 4), Effort(400, 16, 8))
-LABELS_GROW = 4.0  # times from one quick effort to the next, at most
+QUICK = (Effort(120, 8, 4), Effort(400, 16, 8))
+LABELS_GROW = 4.0  # times from the probe to the first quick effort and from that to the next
 PROBE = Effort(60, 1, 1)
 PROBE_EPSILON = 0.2
 GROWTH = 2.3  # times as long as the one before takes the next sweep
@@ -171,12 +171,14 @@ class Proof:
 
     def _affordable(self, last: Effort, wanted: Effort) -> Effort | None:
         """Return the effort for which time and labels suffice, None if that is no more."""
-        if not self.sweeps or last is PROBE:
+        if not self.sweeps:
             return wanted
         done = self.sweeps[-len(self._diagrams) :]
         labels = sum(s["labels"] for s in done)
         if sum(s["labels"] for s in self.sweeps) + LABELS_GROW * labels > self.most_labels:
-            return None
+            return EFFORTS[0] if last is PROBE else None
+        if last is PROBE:
+            return wanted
         seconds = max(1e-3, sum(s["seconds"] for s in done))
         affordable = 0.8 * (self.run.remaining() - LEAVE_TIME_S) / seconds
         if affordable >= GROWTH:
