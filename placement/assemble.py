@@ -27,7 +27,7 @@ from placement.journeys import Journey, build_journeys
 from placement.objectives.base import Objective
 from placement.objectives.entropy import Entropy
 from placement.objectives.final_entropy import FinalEntropy
-from placement.objectives.kalman_gain import kalman_gain
+from placement.objectives.kalman_gain import KalmanGain, kalman_gain
 from placement.objectives.localisation import Localisation
 from placement.objectives.navigation_chain import Drive
 from placement.objectives.tolerance import Tolerance
@@ -96,7 +96,11 @@ def assemble(instance: Instance, work: Work | None = None) -> Scene:
             f"({instance.errors.report_limit_m:g} m)"
         )
     problem = Problem(
-        build_objective(instance, journeys, constraints.cost),
+        (
+            KalmanGain(_kalman_gain(candidates, journeys))
+            if instance.objective.kind == "kalman_gain"
+            else build_objective(instance, journeys, constraints.cost)
+        ),
         constraints,
         arc_length_m=candidates.arc_length_m,
         path_length_m=road.length_m,

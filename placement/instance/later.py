@@ -21,17 +21,7 @@ class Later:
     instead: str
 
 
-def _given(value: object) -> bool:
-    return bool(value)
-
-
-def _is(word: str) -> Callable[[object], bool]:
-    return lambda value: value == word
-
-
-LATER = (
-    Later("objective.kind", _is("kalman_gain"), 'use "localisation"'),
-)
+LATER: tuple[Later, ...] = ()
 
 
 def refusals(document: Document) -> list[str]:

@@ -14,6 +14,8 @@ every navigation objective, and it knows nothing of the other cameras.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -22,6 +24,7 @@ from models.cameras import Cameras, X, Y, pixel_area
 from models.geometry import FloatArray, IntArray
 from models.roads import RoadPoints
 from placement.information import Information
+from placement.objectives.navigation import distinct
 
 RADIUS_SCALE_M = 3.0
 
@@ -49,6 +52,71 @@ def kalman_gain(cameras: Cameras, points: RoadPoints, information: Information) 
         scores,
     )
     return scores / information.n_samples
+
+
+class KalmanGain:
+    """The sum of the single scores as an objective: modular, so the best sum is the optimum."""
+
+    name = "kalman_gain"
+    unit = "px/m^2"
+    maximise = True
+    submodular = True
+
+    def __init__(self, scores: FloatArray) -> None:
+        """Take the candidates' scores (c,)."""
+        self.scores = scores
+
+    @property
+    def n_candidates(self) -> int:
+        """The number of candidates, c."""
+        return int(self.scores.size)
+
+    def value(self, selected: IntArray) -> float:
+        """Return the sum of the scores of `selected`."""
+        return math.fsum(self.scores[distinct(selected, self.n_candidates)])
+
+    def state(self, selected: IntArray | None = None) -> KalmanGainState:
+        """Start a placement, empty unless `selected` is given."""
+        return KalmanGainState(self, [] if selected is None else [int(i) for i in selected])
+
+
+class KalmanGainState:
+    """A placement under construction."""
+
+    def __init__(self, objective: KalmanGain, selected: list[int]) -> None:
+        """Start from `selected`."""
+        self._objective = objective
+        self._selected = selected
+
+    @property
+    def selected(self) -> list[int]:
+        """The candidates chosen so far, in the order they were added."""
+        return list(self._selected)
+
+    @property
+    def score(self) -> float:
+        """The sum of the scores of `selected`."""
+        return self._objective.value(np.array(self._selected, dtype=np.int64))
+
+    def gains(self, candidates: IntArray | None = None) -> FloatArray:
+        """Return the score of each of `candidates` (default: all), 0 for those selected, (m,)."""
+        scores = self._objective.scores
+        rows = np.arange(scores.size) if candidates is None else np.asarray(candidates)
+        gains: FloatArray = np.where(np.isin(rows, self._selected), 0.0, scores[rows])
+        return gains
+
+    def add(self, candidate: int) -> None:
+        """Add one candidate."""
+        if candidate in self._selected:
+            raise ValueError(f"candidate {candidate} is already selected")
+        distinct([candidate], self._objective.n_candidates)
+        self._selected.append(int(candidate))
+
+    def remove(self, candidate: int) -> None:
+        """Remove one candidate."""
+        if candidate not in self._selected:
+            raise ValueError(f"candidate {candidate} is not selected")
+        self._selected.remove(candidate)
 
 
 @njit(cache=True)

@@ -66,7 +66,7 @@ def look(eye: Eye, xy: FloatArray, errors: ErrorsSection, max_range_m: float) ->
     distance = np.hypot(to[:, 0], to[:, 1])
     with np.errstate(all="ignore"):
         near = _inside(eye, to) & (distance <= max_range_m * TIE)
-        ground = _ground_per_pixel(eye, to)
+        ground = ground_per_pixel(eye, to)
         persistent = np.zeros((len(xy), 2, 0))
         if errors.model == "covariance":
             persistent = _installation(eye, to, errors)
@@ -149,7 +149,7 @@ def _maps(eye: Eye, theta: FloatArray) -> BoolArray:
     return before
 
 
-def _ground_per_pixel(eye: Eye, to: FloatArray) -> FloatArray:
+def ground_per_pixel(eye: Eye, to: FloatArray) -> FloatArray:
     """Return ∂(x, y)/∂(u, v) (t, 2, 2), m/px: the inverse of differences of the projection."""
     step = STEP * eye.height_m
     columns = []

@@ -19,7 +19,7 @@ from placement.journeys import journey_roads
 from placement.obstacles import build_obstacles
 from placement.referee.drive import Filtered, Track, filter_drive
 from placement.referee.shadows import unhidden
-from placement.referee.sight import Eye, Sight, look
+from placement.referee.sight import Eye, Sight, ground_per_pixel, look
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +127,8 @@ def filtered(scene: Scene, sights: Sequence[Sight]) -> Filtered:
 
 def whole_value(scene: Scene, eyes: Sequence[Eye]) -> float:
     """Return the value of the instance's objective, all drives of it."""
+    if scene.instance.objective.kind == "kalman_gain":
+        return math.fsum(d.weight * pixels(d, e) for d in scene.drives() for e in eyes)
     return math.fsum(
         drive.weight * value_of(drive, sights_of(drive, eyes)) for drive in scene.drives()
     )
@@ -174,6 +176,18 @@ def _final_entropy(scene: Scene, sights: Sequence[Sight]) -> float:
     return float(0.5 * (3.0 * math.log(2.0 * math.pi * math.e) + log_det))
 
 
+def pixels(scene: Scene, eye: Eye) -> float:
+    """Return the score of `kalman_gain` of one camera: mean of (1/A) / (1 + (r/3)²) over samples.
+
+    A is the ground that a pixel covers, r two standard deviations in the worst direction.
+    """
+    sight = sights_of(scene, [eye])[0]
+    to = scene.xy[sight.seen] - np.array([eye.x_m, eye.y_m])
+    area = np.abs(np.linalg.det(ground_per_pixel(eye, to)))
+    worst = np.linalg.eigvalsh(sight.whole[sight.seen])[:, -1]
+    return math.fsum(1.0 / area / (1.0 + 4.0 * worst / 9.0)) / len(scene.xy)
+
+
 def _worst(scene: Scene, sights: Sequence[Sight]) -> float:
     """Return the largest 2σ across the road; `referee.tolerance` makes a value of it."""
     P = filtered(scene, sights).covariance
@@ -195,15 +209,17 @@ VALUES: Mapping[str, Callable[[Scene, Sequence[Sight]], float]] = {
     "trace": _trace,
     "final_entropy": _final_entropy,
     "tolerance": _worst,
+    "kalman_gain": _worst,  # not asked: see `whole_value`
 }
 # The objectives that are means over the drives; the others are sums.
 AVERAGED = frozenset({"trace", "final_entropy"})
 # The objectives that are maximised; the others are minimised.
-MAXIMISED = frozenset({"localisation", "entropy"})
+MAXIMISED = frozenset({"localisation", "entropy", "kalman_gain"})
 UNITS = {
     "localisation": "nats",
     "entropy": "nats",
     "trace": "m^2",
     "final_entropy": "nats",
     "tolerance": "cameras",
+    "kalman_gain": "px/m^2",
 }
