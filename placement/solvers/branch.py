@@ -22,7 +22,8 @@ import numpy as np
 from models.geometry import BoolArray, FloatArray, IntArray
 from placement.branch.climb import LOG_DET, TRACE_INVERSE
 from placement.branch.swaps import better_by_swaps, score_of
-from placement.branch.tree import FREE, IN, OUT, search
+from placement.branch.symmetry import orbits, products
+from placement.branch.tree import FREE, IN, OUT, relax, search
 from placement.objectives.log_det import LogDet
 from placement.objectives.trace_inverse import TraceInverse, inverse_root
 from placement.problem import Problem, Run
@@ -32,6 +33,8 @@ STARTS = 24  # designs that are swapped to a standstill before the tree
 SWEEPS = 200
 DIVE = 256  # nodes between two looks at the clock
 ROOT_ROUNDS, ROUNDS = 400, 12
+LEAST_LEFT = 3  # fewer to be chosen are found sooner than their symmetries
+MOST_UNFOLDED = 400  # nodes whose symmetries are looked for
 MOST_OPEN = 40_000  # beyond, dives go on until their subtree is done
 
 
@@ -135,6 +138,14 @@ def design_of(problem: Problem) -> Design:
     return replace_k(design, min(constraints.budget, most))
 
 
+def _merged(nodes: list[Any]) -> list[Any]:
+    """Return one node that allows whatever the given ones allow."""
+    bound, made, _, x, price = min(nodes, key=lambda node: node[0])
+    states = np.array([node[2] for node in nodes])
+    alike = np.all(states == states[0], axis=0)
+    return [(bound, made, np.where(alike, states[0], FREE).astype(np.int8), x, price)]
+
+
 def replace_k(design: Design, k: int) -> Design:
     """Return `design` with room for `k`."""
     values = {name: getattr(design, name) for name in design.__slots__}
@@ -175,6 +186,7 @@ class Tree:
         if self.run.out_of_time():
             return False
         self._plant()
+        self._unfold()
         while self.open:
             self._publish()
             if self.run.out_of_time():
@@ -225,6 +237,70 @@ class Tree:
         self.nodes, self.closed = probe.nodes, probe.closed
         self.score, self.best, self.open = probe.score, probe.best, probe.open
         self._shrink()
+
+    def _unfold(self) -> None:
+        """Branch on orbits of symmetric candidates, one in or all out, while there are any.
+
+        The open nodes are replaced by those where no symmetry is left, or too few candidates are
+        to be chosen for it to pay.
+        """
+        design = self.design
+        alone = np.unique(design.group).size == design.group.size
+        if design.kind != LOG_DET or design.priced or not alone or not self.open:
+            return
+        gram = products(design.V)
+        if gram is None:
+            return
+        leaves: list[Any] = []
+        waiting, self.open = self.open, []
+        # the root's two children made one again: which candidate it branched on breaks symmetry
+        waiting = _merged(waiting)
+        looked = merged = 0
+        while waiting:
+            node = heapq.heappop(waiting)
+            bound, _, state, x, price = node
+            here, there = np.flatnonzero(state == FREE), np.flatnonzero(state == IN)
+            m = design.k - there.size
+            if -bound <= self.score + self._slack() or here.size < m:
+                self.closed = max(self.closed, min(-bound, self.score + self._slack()))
+                continue
+            if m <= LEAST_LEFT or looked >= MOST_UNFOLDED or self.run.out_of_time():
+                leaves.append(node)
+                continue
+            looked += 1
+            self.run.progress(f"looking for symmetries, {len(waiting)} nodes", None)
+            inside = np.concatenate([here, there])
+            colours = np.where(np.arange(inside.size) < here.size, 0, 1)
+            labels = orbits(gram[np.ix_(inside, inside)], colours)[: here.size]
+            sizes = np.bincount(labels, minlength=inside.size)
+            if sizes.max() == 1:
+                leaves.append(node)
+                continue
+            merged += 1
+            y = np.ascontiguousarray(x[here])
+            found, *_ = relax(
+                design.kind, self.projects, design.base, design.root, design.V, design.group,
+                design.cost, design.purse, False, here, there, m, y, price,
+                self.score + self._slack(), self._slack(), ROUNDS, np.empty(here.size),
+                np.empty(here.size),
+            )  # fmt: skip
+            self.nodes += 1
+            bound = -min(-bound, found)
+            weight = np.bincount(labels, weights=y, minlength=inside.size)
+            orbit = int(np.argmax(np.where(sizes > 1, weight, -1.0)))
+            chosen = state.copy()
+            chosen[here[np.argmax(labels == orbit)]] = IN
+            without = state.copy()
+            without[here[labels == orbit]] = OUT
+            spread = x.copy()
+            spread[here] = y
+            for child in (chosen, without):
+                self._made += 1
+                heapq.heappush(waiting, (bound, self._made, child, spread, price))
+        heapq.heapify(leaves)
+        self.open = leaves
+        if merged:
+            self._root["orbits_merged"] = merged
 
     def _shrink(self) -> None:
         """Leave out the candidates that no open node allows."""
