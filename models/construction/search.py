@@ -182,6 +182,8 @@ class _Case:
             rows = way.nodes[1:-1]
             kinds = [graph[i][j]["kind"] for i, j in itertools.pairwise(rows)]
             self.belts.append(tighten(belt_of_rows(lattice, rows, kinds, way.word)))
+            if time.monotonic() > deadline:
+                break
         return complete and time.monotonic() <= deadline
 
     def roads(
