@@ -68,7 +68,7 @@ def test_an_honest_solution_is_verified(folder: Path) -> None:
     assert found.bound["derived"] >= value
 
 
-@pytest.mark.parametrize("kind", ["entropy", "trace", "final_entropy"])
+@pytest.mark.parametrize("kind", ["entropy", "trace", "final_entropy", "kalman_gain"])
 @pytest.mark.parametrize("model", ["radius", "covariance"])
 def test_every_objective_is_verified(tmp_path: Path, kind: str, model: str) -> None:
     source = tmp_path / "one.toml"
