@@ -60,20 +60,22 @@ class Demand:
 def sample_routes(network: RoadNetwork, drives: int, rng: np.random.Generator) -> list[Route]:
     """Draw fastest routes between random edges, both as likely as their length times lanes.
 
-    An edge is entered as often as traffic that starts anywhere would; ends are drawn from what can
-    be reached, and from the edge itself only where nothing else can. Equal routes are one, with
-    the sum of their weights, which is `drives` over all.
+    Ends are drawn from what can be reached of other streets; where there is none of those, the
+    drive is its first edge. Equal routes are one, with the sum of their weights, which is `drives`
+    over all.
     """
     traffic = np.array([lane_length(edge.lanes[0]) * len(edge.lanes) for edge in network.edges])
     share = traffic / traffic.sum()
     starts = rng.choice(len(share), size=drives, p=share)
     picks = rng.random(drives)
     lanes = [int(rng.integers(len(network.edges[start].lanes))) for start in starts]
+    names = {edge.street or edge.name: k for k, edge in enumerate(network.edges)}
+    street = np.array([names[edge.street or edge.name] for edge in network.edges])
     found = []
     for origin, reached, before in _trees(network, starts):
         for n in np.flatnonzero(starts == origin):
             weights = np.where(np.isfinite(reached), share, 0.0)
-            weights[origin] = 0.0
+            weights[street == street[origin]] = 0.0
             total = float(weights.sum())
             end = int(origin)
             if total > 0.0:

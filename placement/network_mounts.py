@@ -16,7 +16,8 @@ from models.polyline import distinct_points, polyline_length
 
 _STEP_M = 1.0
 _SLACK_M = 0.3  # beyond half a step: outside a bend, samples fan out
-_EDGE_M = 0.05  # a pole this little inside an edge stands on it (the edge is seen every metre)
+_EDGE_M = 2e-3  # edges belong to the ground they bound, to what a sample a metre off can tell
+_OFF_M = 5e-3  # ... so a pole that is to stand on its own street's edge is looked at from here
 _TWINS_M = 5.0  # poles nearer together are one: carriageways side by side, corners of junctions
 _CHUNK = 8192
 
@@ -42,6 +43,7 @@ class Surface:
     heading_rad: FloatArray
     left_m: FloatArray
     right_m: FloatArray
+    curvature: FloatArray
     edge: IntArray
     s_m: FloatArray
     tree: cKDTree
@@ -60,10 +62,10 @@ class Surface:
             which = np.repeat(np.arange(len(part)), counts)
             sample = np.concatenate([np.array(each, dtype=np.int64) for each in near if each])
             along, left = self._resolve(part[which], sample)
+            left = left - 0.5 * self.curvature[sample] * along**2
             inside = np.abs(along) <= 0.5 * _STEP_M + _SLACK_M
-            inside &= (left < self.left_m[sample] - _EDGE_M) & (
-                left > -self.right_m[sample] + _EDGE_M
-            )
+            inside &= left <= self.left_m[sample] + _EDGE_M
+            inside &= left >= -self.right_m[sample] - _EDGE_M
             on[begin + which[inside]] = True
         return on
 
@@ -104,6 +106,7 @@ def surface_of(network: RoadNetwork) -> Surface:
         right_m=np.concatenate(
             [points.right_m, np.repeat([path.right_m for path in seen.values()], counts)]
         ),
+        curvature=np.concatenate([points.points.curvature, np.zeros(sum(counts))]),
         edge=np.concatenate([points.edge, np.full(sum(counts), -1)]).astype(np.int64),
         s_m=np.concatenate([begin[points.edge] + points.points.s_m, np.zeros(sum(counts))]),
         tree=cKDTree(xy),
@@ -136,9 +139,10 @@ def place_along(
         side = np.tile(np.array(sorted(sides, reverse=True), dtype=np.float64), n)
         left, right = road.half_widths(s)
         lateral = side * (np.where(side > 0.0, left, right) + side_offset_m)
-        columns.append(np.column_stack((begin[index] + s, side, road.offset(s, lateral))))
+        at, beyond = road.offset(s, lateral), road.offset(s, lateral + side * _OFF_M)
+        columns.append(np.column_stack((begin[index] + s, side, at, beyond)))
     rows = np.vstack(columns)
-    free = ~surface_of(network).covers(rows[:, 2], rows[:, 3])
+    free = ~surface_of(network).covers(rows[:, 4], rows[:, 5])
     free &= ~inside_buildings(network.obstacles, rows[:, 2], rows[:, 3])
     kept = rows[free]
     kept = kept[_apart(kept[:, 2:4], min(_TWINS_M, 0.5 * spacing_m))]
