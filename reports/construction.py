@@ -79,7 +79,12 @@ MAPS: dict[str, dict[str, Any]] = {
 
 def instance_of(name: str, *, quick: bool = False) -> Instance:
     """Return the instance of one map."""
-    construct = {"min_radius_m": 20.0, "clearance_m": 2.0, "most_roads": 4 if quick else 10}
+    construct = {
+        "min_radius_m": 20.0,
+        "clearance_m": 2.0,
+        "most_roads": 4 if quick else 10,
+        "time_limit_s": 3600.0,  # so that no clock changes what is found
+    }
     return instance_from_dict(
         {
             "road": {
