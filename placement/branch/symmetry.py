@@ -2,10 +2,10 @@
 
 A permutation π of rank-one candidates with signs s, s_i s_j ⟨v_πi, v_πj⟩ = ⟨v_i, v_j⟩ (whitened
 columns), leaves the log det of every set what it was, det(I + VᵀV) being a function of these
-products. If it also keeps those fixed in among themselves, candidates of one orbit are alike: either
-one of them is in, and it may be any one, or all are out (orbital branching: Ostrowski, Linderoth,
-Rossi & Smriglio 2011). Designs from graphs and factorial experiments are full of this; their trees
-are smaller by the order of the group.
+products. If it also keeps those fixed in among themselves, candidates of one orbit are alike:
+either one of them is in, and it may be any one, or all are out (orbital branching: Ostrowski,
+Linderoth, Rossi & Smriglio 2011). Designs from graphs and factorial experiments are full of this;
+their trees are smaller by the order of the group.
 
 Symmetries are found by colour refinement with individualisation and believed only when every
 product agrees to the last bit. What is not found makes orbits smaller, which is harmless.
@@ -35,7 +35,7 @@ def products(V: FloatArray) -> FloatArray | None:
 
 
 def orbits(gram: FloatArray, colours: IntArray) -> IntArray:
-    """Return a number for each candidate's orbit (c,), among symmetries that keep `colours` (c,)."""
+    """Number each candidate's orbit (c,) among the symmetries that keep `colours` (c,)."""
     found = _Symmetries(gram)
     c = len(colours)
     label = np.arange(c)

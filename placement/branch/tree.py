@@ -31,10 +31,10 @@ _STEPS = 24  # exchanges between two certificates
 
 
 @njit(cache=True)
-def search(
+def search(  # type: ignore[no-untyped-def]
     kind, projects, base, root, V, group, cost, purse, k, priced, slack,
     states, xs, bounds, prices, top, limit, rounds, best, chosen,
-):  # type: ignore[no-untyped-def]  # fmt: skip
+):  # fmt: skip
     """Work off the stack's first `top` nodes until it is empty or `limit` nodes were looked at.
 
     `base` (n, n) = root·rootᵀ is the prior, V (c, r, n) the candidates' columns, `group` (c,) their
@@ -145,10 +145,10 @@ def _read(state, group, cost, purse, priced, T, ids):  # type: ignore[no-untyped
 
 
 @njit(cache=True)
-def relax(
+def relax(  # type: ignore[no-untyped-def]
     kind, projects, base, root, V, group, cost, left, priced,
     ids, T, m, x, price, cutoff, slack, rounds, hold, leave,
-):  # type: ignore[no-untyped-def]  # fmt: skip
+):  # fmt: skip
     """Bound a node: climb from x (p,), certify, until pruned or as good as it needs to be.
 
     Return (bound, best sum, price, constant, fixed, projected) of the best certificate; x, `hold`

@@ -90,12 +90,14 @@ def _root_above_one(half: FloatArray) -> FloatArray:
     By QR of both on top of each other: in I + halfᵀ half an eigenvalue of 1 beside one of 1e16
     would be lost, here it keeps half its digits.
     """
-    root: FloatArray = np.linalg.qr(np.vstack([np.eye(half.shape[1]), half]), mode="r")
-    return root
+    stacked = np.vstack([np.eye(half.shape[1]), half])
+    return np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
 
 
 class LogDetState:
     """Keep the whitened factors of all candidates, turned lazily as the set grows."""
+
+    _Y: FloatArray | None
 
     def __init__(self, objective: LogDet) -> None:
         """Start empty."""
@@ -148,7 +150,7 @@ class LogDetState:
         f = self._objective
         self._score = 0.0
         self._turns = 0
-        self._Y: FloatArray | None = None
+        self._Y = None
         self._made_up: IntArray = np.zeros(f.n_candidates, dtype=np.int64)
         self._axes: FloatArray = np.empty((8 * f.rank, f.n_states))
         self._pulls: FloatArray = np.empty(8 * f.rank)
