@@ -168,7 +168,7 @@ class DaskCluster:
         ahead = 2 * max(1, len(self._client.scheduler_info(n_workers=-1)["workers"])) + 2
         following = iter(range(len(tasks)))
         running: dict[Any, int] = {}
-        queue = distributed.as_completed()
+        queue = distributed.as_completed(loop=self._client.loop)
 
         def submit() -> None:
             for i in following:

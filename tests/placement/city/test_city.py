@@ -65,8 +65,7 @@ def house(x: float, y: float, half: float = 15.0) -> FloatArray:
     )
 
 
-@pytest.fixture(scope="module")
-def site() -> Site:
+def small_site() -> Site:
     network = grid_network()
     order = network_order(network)
     samples = network.sample(1.0, order)
@@ -80,6 +79,11 @@ def site() -> Site:
         obstacles,
     )
     return Site(mounts, samples.points, obstacles, ErrorModel("covariance"), 60.0)
+
+
+@pytest.fixture(scope="module")
+def site() -> Site:
+    return small_site()
 
 
 @pytest.fixture(scope="module")
