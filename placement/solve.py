@@ -57,7 +57,7 @@ _ALL = ("budget.money", "budget.separation_m")
 METHODS: dict[str, Method] = {
     "auto": Method(
         "placement.solvers.auto:solve_auto",
-        "picks for you: `chain` where it can prove, else `search`",
+        "picks for you what proves most: `chain`, `tempered`, `diagram`, … after a search",
         proves_bound=True,
         keeps=_ALL,
     ),

@@ -35,6 +35,7 @@ from placement.solvers.search import solve_search
 
 MOST_LABELS = 20e6  # about 20 s
 DEAR_S = 10.0
+SHORT_S = 20.0  # a time limit that compiling can eat
 FAINT = 1e-3  # of a camera: less is left out of a fractional choice, which stays a choice
 EVERYWHERE = "every camera at once"
 RELAXATION = "concave relaxation"
@@ -88,6 +89,10 @@ class TraceProof:
             self._relax()
         if self.problem.constraints.budget == 0 or run.out_of_time():
             return not run.out_of_time()
+        if total < SHORT_S and run.remaining() < 0.5 * total:
+            # compiling ate it: the diagram's kernels, too, may have to be compiled, for longer
+            self.stats["diagram"] = "no time"
+            return False
         try:
             proof.prepare()
         except ValueError as error:  # views too long
