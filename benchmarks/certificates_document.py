@@ -35,7 +35,7 @@ def main() -> None:
     for name in options.names:
         rows = measured(name) if options.folder is None else read(options.folder / f"{name}.json")
         text = DOCUMENT.read_text(encoding="utf-8")
-        DOCUMENT.write_text(replace_table(text, name, table(name, rows)), encoding="utf-8")
+        DOCUMENT.write_text(replace_table(text, name, table(rows)), encoding="utf-8")
 
 
 def measured(name: str) -> list[dict[str, Any]]:
@@ -60,7 +60,7 @@ def read(path: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def table(name: str, rows: list[dict[str, Any]]) -> str:
+def table(rows: list[dict[str, Any]]) -> str:
     """Return a table in Markdown; gaps of `entropy` stand beside what they should be at most."""
     columns = list(rows[0])
     if "profile" in columns:
