@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import ScalarFormatter
+from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
 from models.construction.homotopy import spelled
 from models.footprints import footprint_polygon
@@ -107,6 +107,8 @@ def _draw_front(axes: Axes, choice: Choice) -> None:
             front.append((one.road.length_m, height))
     axes.step(*zip(*front, strict=True), where="post", color=GREY, linewidth=0.9, label="front")
     axes.margins(x=0.08, y=0.15)
+    if by_count:
+        axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axes.set_xlabel("length of road (m)")
     axes.set_ylabel("cameras needed" if by_count else "predicted rms position error (cm)")
     axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), title="class, bends")
