@@ -53,7 +53,7 @@ EFFORTS = (
     Effort(800, 24, 8),
     Effort(1600, 32, 12),
 )
-QUICK = (Effort(120, 8, 4), Effort(400, 16, 8))
+QUICK = (Effort(120, 8, 4), Effort(400, 16, 8), Effort(1600, 32, 12))
 LABELS_GROW = 4.0  # times from the probe to the first quick effort and from that to the next
 PROBE = Effort(60, 1, 1)
 PROBE_EPSILON = 0.2
