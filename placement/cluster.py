@@ -149,9 +149,10 @@ class DaskCluster:
             raise ValueError(
                 "--cluster needs Dask: install the extra `cluster` (dask and distributed)"
             ) from None
+        security = _security(address)
         try:
             self._client = distributed.Client(
-                address, timeout=_PATIENCE_S, set_as_default=False, security=_security(address)
+                address, timeout=_PATIENCE_S, set_as_default=False, security=security
             )
         except (OSError, ValueError, TypeError, RuntimeError) as error:
             reason = " ".join(str(error).split())[:120] or type(error).__name__
@@ -234,7 +235,13 @@ def _security(address: str) -> Any:
     """Return the certificates that Dask's own configuration names, for tls:// addresses."""
     if not address.startswith("tls://"):
         return None
-    return _distributed().Security()
+    security = _distributed().Security()
+    if security.get_connection_args("client").get("ssl_context") is None:
+        raise ValueError(
+            "--cluster tls://… needs certificates: set distributed.comm.tls.ca-file and "
+            f"distributed.comm.tls.client.cert in Dask's configuration, got none for {address}"
+        )
+    return security
 
 
 def _distributed() -> Any:

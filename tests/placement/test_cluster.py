@@ -101,6 +101,8 @@ def test_a_cluster_that_does_not_answer_is_one_line(monkeypatch: pytest.MonkeyPa
     ) as error:
         work_at(cluster=CLOSED_PORT)
     assert "\n" not in str(error.value)
+    with pytest.raises(ValueError, match=r"--cluster tls://… needs certificates"):
+        work_at(cluster=CLOSED_PORT.replace("tcp", "tls"))
     with pytest.raises(ValueError, match=r"--cluster must be the address .* got nonsense"):
         work_at(cluster="nonsense")
 
