@@ -103,11 +103,11 @@ def _cases(names: str, data: str | None = None) -> tuple[Case, ...]:
     return tuple(LIBRARY[name].case(data) for name in names.split())
 
 
-def _coverage_case(name: str, times: int, **changes: Any) -> Case:
+def _coverage_case(name: str, times: int, label: str = "", **changes: Any) -> Case:
     base = LIBRARY[name].case(None, **changes)
     # localisation carries no drive to filter, so the scene is quick to make
     spec = {**base.spec, "times": times}
-    return Case(f"{name}-seen-{'once' if times == 1 else 'twice'}", "coverage", spec)
+    return Case(f"{label or name}-seen-{'once' if times == 1 else 'twice'}", "coverage", spec)
 
 
 def _smoke(data: str | None) -> Suite:
@@ -234,11 +234,15 @@ def _coverage(data: str | None) -> Suite:
             _coverage_case("dense-mounts", 1, budget__cameras=4),
             _coverage_case("mixed-free", 1, budget__cameras=6),
             _coverage_case("winding", 1, budget__cameras=12),
+            _coverage_case(
+                "winding", 1, "winding-free", budget__cameras=8, budget__one_per_mount=False
+            ),
             _coverage_case("priced", 1, budget__money=12.0),
             _coverage_case("arc-50", 2),
             _coverage_case("straight-free", 2),
             _coverage_case("s-bend", 2, budget__cameras=6),
             _coverage_case("fisheye", 2, budget__cameras=4),
+            _coverage_case("winding", 2, budget__cameras=8),
         ),
         {
             "coverage": (
