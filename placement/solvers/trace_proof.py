@@ -67,6 +67,7 @@ class TraceProof:
     problem: Problem
     run: Run
     stats: dict[str, Any] = field(default_factory=dict)
+    total: float = math.inf
     proof: Proof = field(init=False)
 
     def __post_init__(self) -> None:
@@ -78,7 +79,7 @@ class TraceProof:
         """Do all of it; return whether no time was missing."""
         run, proof = self.run, self.proof
         limited = math.isfinite(run.deadline)
-        total = run.remaining()
+        total = self.total = run.remaining()
         self.stats["bounds"] = {}
         # less than nothing is known for a start: the error if every usable camera were there
         every = np.flatnonzero(self.problem.constraints.usable())
@@ -127,7 +128,8 @@ class TraceProof:
             tolerance=TOLERANCE,
         )
         self._bounded(RELAXATION, -fraction.bound)
-        if proof.persistent and not run.out_of_time():
+        # one look, of some seconds, that nothing interrupts
+        if proof.persistent and not run.out_of_time() and self.total >= SHORT_S:
             x = np.where(fraction.x > FAINT, fraction.x, 0.0)
             objective = cast("Relaxable", self.problem.objective)
             bound = tangent_bound(objective, self.problem.constraints, x)
