@@ -63,11 +63,15 @@ def _climb(problem: Problem, run: Run, state: State, place: IntArray | None) -> 
         gains = state.gains(candidates)
         best = float(np.max(gains, initial=-np.inf))
         if best > before - state.score + MARGIN * abs(before):
-            state.add(int(np.min(candidates[gains >= best - TIE * abs(best)])))
-            unimproved = 0
-        else:
-            state.add(camera)
-            unimproved += 1
+            better = int(np.min(candidates[gains >= best - TIE * abs(best)]))
+            state.add(better)
+            # a gain may promise what rounding then takes: such steps could go round for ever
+            if state.score > before + 0.5 * MARGIN * abs(before):
+                unimproved = 0
+                continue
+            state.remove(better)
+        state.add(camera)
+        unimproved += 1
 
 
 def _neighbours(
