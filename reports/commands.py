@@ -44,6 +44,14 @@ STUDIES: dict[str, Study] = {
         "reports.construction:run",
         "which road to build round obstacles, each judged with its own best cameras",
     ),
+    "camera-count": Study(
+        "reports.camera_count:run",
+        "cameras per kilometre for a tolerance, over bends, poles, installation, failures",
+    ),
+    "intersection": Study(
+        "reports.intersection:run",
+        "cameras for a four-way crossing: every way through it in one objective",
+    ),
     "closed-loop": Study(
         "reports.closed_loop:run",
         "how far dead reckoning drifts, and which filter's covariance tells the truth",

@@ -1,0 +1,215 @@
+"""A four-way crossing: every way through it, straight on, right and left, in one objective.
+
+The study writes the crossing as a planner's file (GeoJSON), the demand, and the instance, so that
+`placement solve crossing.toml` repeats any of its placements.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from placement.assemble import Scene, assemble
+from placement.atomic import Content, prepare_folder, write_files
+from placement.commands import Result
+from placement.instance import load_instance
+from placement.prediction import predict
+from placement.solve import solve
+from placement.validation import validate
+from reports.solution_map import draw_map
+from reports.style import CYCLE, GREY, saved, style
+
+ARM_M = 80.0
+ARMS = ("east", "north", "west", "south")  # anticlockwise
+# Trips a movement, as counted at a crossing where most drive straight on.
+TRIPS = {"straight": 4, "right": 2, "left": 2}
+BUDGETS = (1, 2, 3, 4, 6, 8, 12)
+METHODS = ("auto", "exchange", "greedy", "uniform", "random")
+LIMIT_S = 20.0
+
+
+def run(
+    out_dir: Path,
+    *,
+    quick: bool = False,
+    seed: int = 0,
+    progress: Callable[[str, float | None], None] = lambda _text, _fraction: None,
+) -> None:
+    """Write the crossing's files, `values.csv`, `movements.csv` and two figures into `out_dir`.
+
+    `movements.csv` has a row for each k and movement: predicted and driven error of the placement
+    that `auto` found for all of them together. Raises ValueError where the folder cannot be
+    written.
+    """
+    prepare_folder(out_dir)
+    write_files(out_dir, crossing_files())
+    scene = assemble(load_instance(out_dir / "crossing.toml"))
+    budgets = (2, 4) if quick else BUDGETS
+    methods = ("exchange", "greedy", "uniform") if quick else METHODS
+    runs = 10 if quick else 100
+    rows: list[dict[str, Any]] = []
+    ways: list[pd.DataFrame] = []
+    drawn: Result | None = None
+    for n, k in enumerate(budgets):
+        for m, method in enumerate(methods):
+            share = (n + m / (len(methods) + 1)) / len(budgets)
+            progress(f"intersection: {method}, {k} cameras", share)
+            solution = solve(with_budget(scene, k).problem, method, time_limit_s=LIMIT_S, seed=seed)
+            gap = None if solution.gap is None else 100.0 * solution.gap
+            rows.append(
+                {
+                    "k": k,
+                    "method": method,
+                    "trace_m2": solution.value,
+                    "bound_m2": solution.bound,
+                    "gap_percent": gap,
+                }
+            )
+            if m == 0:
+                ways.append(_movements(scene, solution.selected, k, runs, seed))
+                if k == 4:
+                    drawn = Result(scene, solution, predict(scene, solution.selected))
+    values, each = pd.DataFrame(rows), pd.concat(ways, ignore_index=True)
+    contents: dict[str, Content] = {
+        "values.csv": values.to_csv(index=False, float_format="%.6g", lineterminator="\n"),
+        "movements.csv": each.to_csv(index=False, float_format="%.6g", lineterminator="\n"),
+    }
+    with style():
+        figures = {"movements_over_k": _figure(values, each)}
+        if drawn is not None:
+            figures["crossing"] = Figure(figsize=(6.4, 6.0))
+            draw_map(figures["crossing"].subplots(), drawn)
+    for name, figure in figures.items():
+        contents |= {f"{name}.{kind}": saved(figure, kind) for kind in ("png", "svg")}
+    write_files(out_dir, contents)
+
+
+def crossing_files() -> dict[str, Content]:
+    """Return the crossing as GeoJSON in metres, the demand as CSV, and the instance as TOML."""
+    features = []
+    for n, arm in enumerate(ARMS):
+        x, y = (round(ARM_M * f(n * math.pi / 2.0), 9) for f in (math.cos, math.sin))
+        features.append(
+            {
+                "type": "Feature",
+                "properties": {"id": arm, "lanes": 2, "width": 7.0, "oneway": False},
+                "geometry": {"type": "LineString", "coordinates": [[x, y], [0.0, 0.0]]},
+            }
+        )
+    collection = {
+        "type": "FeatureCollection",
+        "crs": {"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::32632"}},
+        "features": features,
+    }
+    rows = [f"{start},-{end},{TRIPS[turn]}" for start, end, turn in movements()]
+    return {
+        "crossing.geojson": json.dumps(collection, indent=1) + "\n",
+        "demand.csv": "\n".join(["from,to,trips", *rows]) + "\n",
+        "crossing.toml": INSTANCE,
+    }
+
+
+def movements() -> list[tuple[str, str, str]]:
+    """Return the arm it comes from, the arm it leaves by, and the turn, of all twelve."""
+    # who comes in from an arm has the next one anticlockwise on the right
+    steps = ((1, "right"), (2, "straight"), (3, "left"))
+    return [(arm, ARMS[(n + k) % 4], turn) for n, arm in enumerate(ARMS) for k, turn in steps]
+
+
+INSTANCE = """\
+# A crossing of two streets of 7 m, seen by cameras on poles beside them.
+[road]
+file = "crossing.geojson"
+[traffic]
+demand = "demand.csv"
+[mounts]
+spacing_m = 10.0
+[camera]
+resolution_px = [900, 900]
+pitch_deg = [35, 50]
+fov_deg = [[60, 60], [90, 68]]
+max_range_m = 100.0
+[errors]
+model = "radius"
+[vehicle]
+speed_mps = 10.0
+[objective]
+kind = "trace"
+[budget]
+cameras = 4
+"""
+
+
+def with_budget(scene: Scene, k: int) -> Scene:
+    """Return the scene with another number of cameras."""
+    constraints = replace(scene.problem.constraints, budget=k)
+    return replace(scene, problem=replace(scene.problem, constraints=constraints))
+
+
+def _movements(
+    scene: Scene, selected: tuple[int, ...], k: int, runs: int, seed: int
+) -> pd.DataFrame:
+    """Return each movement's predicted rms and worst 2σ lateral error, and what driving gives."""
+    rows = []
+    driven = _driven(scene, selected, runs, seed)
+    for n, (journey, (start, end, turn)) in enumerate(
+        zip(scene.journeys, movements(), strict=True)
+    ):
+        along = predict(scene, selected, n)
+        rows.append(
+            {
+                "k": k,
+                "movement": f"{start} to {end}",
+                "turn": turn,
+                "weight": journey.weight,
+                "predicted_rms_m": float(np.sqrt(np.mean(along.position_sigma_m**2))),
+                "worst_2sigma_lateral_m": 2.0 * float(along.lateral_sigma_m.max()),
+                "cross_track_rms_m": driven.get(journey.name, float("nan")),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _driven(scene: Scene, selected: tuple[int, ...], runs: int, seed: int) -> dict[str, float]:
+    try:
+        summary = validate(scene, selected, runs=runs, seed=seed).summary
+    except ValueError:  # some movement is never seen
+        return {}
+    drives = summary.get("drives", [])
+    return {
+        each["drive"]: each["filters"]["schmidt"]["cross_track_rms_m"]
+        for each in drives
+        if "filters" in each
+    }
+
+
+def _figure(values: pd.DataFrame, ways: pd.DataFrame) -> Figure:
+    """The objective by method over k, and every movement's worst lateral error."""
+    figure = Figure(figsize=(7.6, 3.4))
+    left, right = figure.subplots(1, 2)
+    for colour, method in zip(CYCLE, dict.fromkeys(values["method"]), strict=False):
+        line = values[values["method"] == method]
+        left.plot(line["k"], np.sqrt(line["trace_m2"]), ".-", color=colour, label=method)
+    bound = pd.to_numeric(values["bound_m2"]).groupby(values["k"]).max().dropna()
+    left.plot(
+        bound.index, np.sqrt(bound.to_numpy()), "_", color=GREY, markersize=9, label="proven bound"
+    )
+    left.set_xlabel("cameras k")
+    left.set_ylabel("rms position error (m)")
+    left.set_ylim(bottom=0.0)
+    left.legend(fontsize=8)
+    for _, line in ways.groupby("movement"):
+        right.plot(line["k"], line["worst_2sigma_lateral_m"], ".-", linewidth=0.8, color=CYCLE[0],
+                   alpha=0.6)  # fmt: skip
+    right.set_xlabel("cameras k")
+    right.set_ylabel("worst 2σ lateral (m), each movement")
+    right.set_ylim(bottom=0.0)
+    return figure
