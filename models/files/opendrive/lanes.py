@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from models.roads import Road
 _WIDTH_STEP_M = 2.0  # widths are read this often, and at every break
 _BRIDGE_M = 20.0  # a line that must change lanes does so over this length
 _LEAST_WIDTH_M = 0.5
+_CLOSED_M, _CLOSED_RAD = 1e-4, 1e-4  # a reference line that ends like this where it began
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +53,10 @@ def carriageways(road: RoadRecord, ignored: Counter[str]) -> list[Carriageway]:
 
 
 def whole_road(road: RoadRecord) -> Road:
-    """Return the reference line as a road, whose edges are the outermost driven lanes' edges."""
+    """Return the reference line as a road between the outermost driven lanes' edges.
+
+    It is closed if it ends where and as it starts.
+    """
     s = _places(road.line.breaks, road)
     left, right = np.zeros_like(s), np.zeros_like(s)
     for section in road.sections:
@@ -66,9 +71,13 @@ def whole_road(road: RoadRecord) -> Road:
         left[:] = right[:] = 1.5
     curve = ArcLengthCurve(road.line)
     origin = road.line.origin
-    return Road(
-        curve, False, Pose(float(origin[0]), float(origin[1])), curve.arc_length(s), left, right
-    )
+    frame, places = Pose(float(origin[0]), float(origin[1])), curve.arc_length(s)
+    ends = curve.evaluate(np.array([0.0, curve.length_m]))
+    gap = max(abs(float(np.diff(ends.x_m)[0])), abs(float(np.diff(ends.y_m)[0])))
+    turn = abs(math.remainder(float(np.diff(ends.heading_rad)[0]), math.tau))
+    if gap < _CLOSED_M and turn < _CLOSED_RAD:
+        return Road(curve, True, frame, places[:-1], left[:-1], right[:-1])
+    return Road(curve, False, frame, places, left, right)
 
 
 def _border(road: RoadRecord, section: Section, lane: int) -> Cubics:

@@ -8,18 +8,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from models.chain import chain_roads
 from models.files.opendrive.buildings import read_buildings
 from models.files.opendrive.lanes import Carriageway, carriageways, whole_road
 from models.files.opendrive.records import End, RoadRecord, number, read_road
 from models.files.xml import stream_elements
 from models.geometry import Pose
 from models.georeference import Georeference, parse_crs
-from models.network import Edge, RoadNetwork, Turn
+from models.network import Edge, Lane, RoadNetwork, Turn
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
 _START, _END = "start", "end"
+_MOST_CONNECTING = 8
 Key = tuple[str, bool]  # a road's id and whether it is driven backwards
 
 
@@ -227,29 +229,63 @@ def _straight_on(found: _Found, key: Key, index: int, end: End) -> Iterator[Turn
 
 def _through_junction(found: _Found, key: Key, index: int, junction: str) -> Iterator[Turn]:
     """Yield the turns through each connecting road that starts from this road."""
+    for lane, entered, on in _connected(found, key, junction):
+        if entered in found.place:  # a direct junction: the linked road itself
+            yield Turn(index, found.place[entered], lane, on)
+            continue
+        path = (found.ways[entered].lanes[on],)
+        for to_edge, to_lane, through in _onward(found, entered, on, path):
+            yield Turn(index, to_edge, lane, to_lane, _one(through))
+
+
+def _connected(found: _Found, key: Key, junction: str) -> Iterator[tuple[int, Key, int]]:
+    """Yield lane by lane what a junction connects a road to: its lane, the road entered, the lane.
+
+    Without lane links every lane is connected with every other.
+    """
     known = found.junctions.get(junction)
-    if known is None:
-        return
-    for incoming, other, contact, links in known.connections:
+    for incoming, other, contact, links in [] if known is None else known.connections:
         entered = _entered(found, other, contact)
         if incoming != key[0] or entered is None or entered not in found.ways:
             continue
-        way = found.ways[entered]
-        pairs = links or [(a, b) for a in found.ways[key].last for b in way.first]
-        for from_id, to_id in pairs:
-            if from_id not in found.ways[key].last or to_id not in way.first:
-                continue
-            lane, on = found.ways[key].last.index(from_id), way.first.index(to_id)
-            if entered in found.place:  # a direct junction: the linked road itself
-                yield Turn(index, found.place[entered], lane, on)
-                continue
-            road = found.roads[entered[0]]
-            end = road.before if entered[1] else road.after
-            onward = _entered(found, end.element, end.contact) if end.kind == "road" else None
-            if onward is None or onward not in found.place:
-                continue
-            for last in _linked_lanes(found, entered, way.last[on], onward):
-                yield Turn(index, found.place[onward], lane, last, way.lanes[on])
+        last, first = found.ways[key].last, found.ways[entered].first
+        for from_id, to_id in links or [(a, b) for a in last for b in first]:
+            if from_id in last and to_id in first:
+                yield last.index(from_id), entered, first.index(to_id)
+
+
+def _onward(
+    found: _Found, key: Key, lane: int, path: tuple[Lane, ...]
+) -> Iterator[tuple[int, int, tuple[Lane, ...]]]:
+    """Yield the edges and lanes that a lane of a connecting road leads to, by what lanes.
+
+    Where junctions touch, a connecting road may lead to another one.
+    """
+    road = found.roads[key[0]]
+    end = road.before if key[1] else road.after
+    if len(path) > _MOST_CONNECTING:
+        return
+    lanes: list[tuple[Key, int]] = []
+    if end.kind == "junction":
+        lanes = [(to, on) for at, to, on in _connected(found, key, end.element) if at == lane]
+    elif (onward := _entered(found, end.element, end.contact)) is not None:
+        last = found.ways[key].last[lane]
+        lanes = [(onward, other) for other in _linked_lanes(found, key, last, onward)]
+    for to, on in lanes:
+        if to in found.place:
+            yield found.place[to], on, path
+        else:
+            yield from _onward(found, to, on, (*path, found.ways[to].lanes[on]))
+
+
+def _one(path: tuple[Lane, ...]) -> Lane:
+    if len(path) == 1:
+        return path[0]
+    return Lane(
+        left_m=path[0].left_m,
+        right_m=path[0].right_m,
+        made=chain_roads([lane.road for lane in path]),
+    )
 
 
 def _entered(found: _Found, road: str, contact: str) -> Key | None:

@@ -221,6 +221,47 @@ def test_connecting_roads_of_a_junction_are_turns(read: Callable[..., RoadNetwor
     assert network.edges[0].end == network.edges[1].start
 
 
+def test_connecting_roads_of_touching_junctions_are_one_turn(
+    read: Callable[..., RoadNetwork],
+) -> None:
+    def straight(id_: str, x: float, link: str, junction: str = "-1") -> str:
+        lanes = section(right=lane(-1, link='<predecessor id="-1"/><successor id="-1"/>'))
+        return road(id_, geometry(0, x, 0, 0, 50), lanes, link=link, junction=junction)
+
+    def to(which: str, kind: str, id_: str, contact: str = "") -> str:
+        more = f'contactPoint="{contact}"' if contact else ""
+        return f'<{which} elementType="{kind}" elementId="{id_}" {more}/>'
+
+    def joint(id_: str, incoming: str, other: str) -> str:
+        return (
+            f'<junction id="{id_}"><connection id="0" incomingRoad="{incoming}" contactPoint="start" '
+            f'connectingRoad="{other}"><laneLink from="-1" to="-1"/></connection></junction>'
+        )
+
+    network = read(
+        straight("1", 0, to("successor", "junction", "8")),
+        straight("2", 150, to("predecessor", "junction", "9")),
+        straight("3", 50, to("predecessor", "road", "1", "end") + to("successor", "junction", "9"),
+                 "8"),
+        straight("4", 100, to("predecessor", "junction", "8") + to("successor", "road", "2", "start"),
+                 "9"),
+        joint("8", "1", "3"),
+        joint("9", "3", "4"),
+    )  # fmt: skip
+    (turn,) = network.turns
+    assert turn.path is not None
+    assert turn.path.road.length_m == pytest.approx(100.0)
+
+
+def test_a_road_that_ends_where_it_starts_is_closed(read: Callable[..., RoadNetwork]) -> None:
+    circle = geometry(0, 0, 0, 0, 100 * math.pi, '<arc curvature="0.02"/>')
+    centreline = read(road("1", circle, TWO_WAY)).centreline
+    assert centreline is not None
+    assert centreline.closed
+    assert abs(centreline.total_turning_rad) == pytest.approx(2.0 * math.pi)
+    assert len(centreline.sample(1.0)) == 315
+
+
 def test_the_header_s_offset_and_system_lead_back_to_the_file_s_world(
     read: Callable[..., RoadNetwork],
 ) -> None:
