@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 LANE_WIDTH_M = 3.2  # SUMO's own default
 BUILDING_HEIGHT_M = 10.0
 _LEAST_LENGTH_M = 0.1
+_SAME_STREET_M = 50.0  # between the middles of opposite carriageways
 _CARS = {"passenger", "all"}
 _MOST_VIA = 8  # internal lanes in one turn: SUMO makes two
 
@@ -79,7 +80,7 @@ def read_sumo(
     if polygons is not None:
         obstacles = read_sumo_polygons(polygons, building_height_m, found.ignored)
     return RoadNetwork(
-        edges=tuple(found.edges),
+        edges=_in_streets(found.edges),
         turns=tuple(_turns(found)),
         nodes=_nodes(found),
         obstacles=obstacles,
@@ -174,7 +175,6 @@ def _read_edge(element: Element, found: _Found, path: Path) -> None:
             lanes=tuple(made),
             speed_mps=_speed(open_lanes[0], element, where),
             width_m=float(sum(widths)),
-            street=name.removeprefix("-"),
             kind=element.get("type", ""),
             stated_length_m=None if stated is None else _number(stated, f"{where}: length"),
         )
@@ -187,6 +187,24 @@ def _read_junction(element: Element, found: _Found, path: Path) -> None:
     name = element.get("id", "")
     x, y = (_number(element.get(k, ""), f"{path}: junction {name[:60]!r}: {k}") for k in "xy")
     found.nodes[name] = (x, y)
+
+
+def _in_streets(edges: list[Edge]) -> tuple[Edge, ...]:
+    """Give opposite carriageways one street: of edges between the same nodes, the nearest ones."""
+    between: dict[tuple[str, str], list[int]] = {}
+    for i, edge in enumerate(edges):
+        between.setdefault((edge.start, edge.end), []).append(i)
+    middles = [edge.lanes[0].outline.mean(axis=0) for edge in edges]
+    street = [edge.name for edge in edges]
+    for (start, end), ours in between.items():
+        free = list(between.get((end, start), [])) if start < end else []
+        for i in ours:
+            if free:
+                near = min(free, key=lambda j: math.dist(middles[i], middles[j]))
+                if math.dist(middles[i], middles[near]) < _SAME_STREET_M:
+                    street[near] = street[i]
+                    free.remove(near)
+    return tuple(replace(edge, street=name) for edge, name in zip(edges, street, strict=True))
 
 
 def _turns(found: _Found) -> list[Turn]:

@@ -78,6 +78,18 @@ def test_edges_lanes_and_turns_are_read(tmp_path: Path, name: str) -> None:
     assert network.nodes["J"] == (55.0, 0.0)
 
 
+def test_opposite_carriageways_are_one_street_whatever_their_names(tmp_path: Path) -> None:
+    def edge(name: str, start: str, end: str, y: float) -> str:
+        return (
+            f'<edge id="{name}" from="{start}" to="{end}"><lane id="{name}_0" index="0" speed="9" '
+            f'length="90" shape="0,{y} 90,{y}"/></edge>'
+        )
+
+    text = edge("x", "A", "B", 0) + edge("y", "B", "A", 3) + edge("z", "B", "A", 300)
+    streets = [each.street for each in read_sumo(write_net(tmp_path, text)).edges]
+    assert streets == ["x", "x", "z"]
+
+
 def test_coordinates_lead_back_to_the_projection(tmp_path: Path) -> None:
     where = read_sumo(write_net(tmp_path, CROSS)).georeference
     np.testing.assert_allclose(

@@ -234,8 +234,8 @@ def test_connecting_roads_of_touching_junctions_are_one_turn(
 
     def joint(id_: str, incoming: str, other: str) -> str:
         return (
-            f'<junction id="{id_}"><connection id="0" incomingRoad="{incoming}" contactPoint="start" '
-            f'connectingRoad="{other}"><laneLink from="-1" to="-1"/></connection></junction>'
+            f'<junction id="{id_}"><connection id="0" incomingRoad="{incoming}" '
+            f'contactPoint="start" connectingRoad="{other}"><laneLink from="-1" to="-1"/></connection></junction>'
         )
 
     network = read(
@@ -243,8 +243,7 @@ def test_connecting_roads_of_touching_junctions_are_one_turn(
         straight("2", 150, to("predecessor", "junction", "9")),
         straight("3", 50, to("predecessor", "road", "1", "end") + to("successor", "junction", "9"),
                  "8"),
-        straight("4", 100, to("predecessor", "junction", "8") + to("successor", "road", "2", "start"),
-                 "9"),
+        straight("4", 100, to("successor", "road", "2", "start"), "9"),
         joint("8", "1", "3"),
         joint("9", "3", "4"),
     )  # fmt: skip
