@@ -224,7 +224,7 @@ def test_other_methods_either_meet_the_tolerance_or_say_that_they_did_not() -> N
         objective = tiny(np.random.default_rng([9, seed]), seed % 2)
         best = best_price(objective)
         for method in ("greedy", "exchange", "search"):
-            problem = Problem(objective, count_only(C, C), np.arange(C) * 5.0, 40.0)
+            problem = Problem(objective, count_only(C, C), np.linspace(0.0, 30.0, C), 40.0)
             solution = solve(problem, method)
             if solution.status is Status.INFEASIBLE:
                 assert "nothing in tolerance was found" in solution.stats["reason"]
