@@ -241,7 +241,7 @@ def test_connecting_roads_of_touching_junctions_are_one_turn(
     network = read(
         straight("1", 0, to("successor", "junction", "8")),
         straight("2", 150, to("predecessor", "junction", "9")),
-        straight("3", 50, to("predecessor", "road", "1", "end") + to("successor", "junction", "9"),
+        straight("3", 50, to("successor", "junction", "9"),
                  "8"),
         straight("4", 100, to("successor", "road", "2", "start"), "9"),
         joint("8", "1", "3"),
