@@ -25,6 +25,14 @@ from placement.solve import solve
 DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "tolerance.md"
 DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 TOLERANCE_M = 0.29
+# The sides of a grid's even and odd places: left, right, in turn, both at once.
+PATTERNS = (
+    ((1,), (1,)),
+    ((-1,), (-1,)),
+    ((1,), (-1,)),
+    ((-1,), (1,)),
+    ((1, -1), (1, -1)),
+)
 HEADER = (
     "| road | errors | fewest | at least | status | `greedy` | `uniform` | grid | seconds |\n"
     "| --- | --- | --- | --- | --- | --- | --- | --- | --- |\n"
@@ -108,8 +116,8 @@ def grid_count(scene: Scene, objective: Tolerance, least: int) -> str:
     """Return the fewest cameras of a regular grid: one pose, one spacing, one side or taking turns.
 
     Every pose of a mount, turned with the road, every whole number of mounts as spacing, every
-    start, the left side, the right or both in turn; the fewest of all that are in tolerance. None
-    of fewer than `least` can be.
+    start, the left side, the right, both in turn or both at once; the fewest of all that are in
+    tolerance. None of fewer than `least` can be.
     """
     for count, selected in grids(scene, least):
         if objective.feasible(selected):
@@ -133,11 +141,13 @@ def grids(scene: Scene, least: int) -> list[tuple[int, IntArray]]:
     for number in range(int(kind.max()) + 1):
         of_kind = np.flatnonzero(kind == number)
         at = {(int(place[i]), int(side[i])): int(i) for i in of_kind}
-        for stride in range(1, places.size // max(least - 1, 1) + 1):
+        for stride in range(1, 2 * places.size // max(least - 1, 1) + 1):
             for start in range(stride):
                 row_of = range(start, places.size, stride)
-                for pattern in ((1, 1), (-1, -1), (1, -1), (-1, 1)):
-                    keys = [(p, pattern[n % 2]) for n, p in enumerate(row_of)]
+                for pattern in PATTERNS:
+                    keys = [
+                        (p, at_side) for n, p in enumerate(row_of) for at_side in pattern[n % 2]
+                    ]
                     chosen = sorted(at[key] for key in keys if key in at)
                     if len(chosen) >= least:
                         found.append((len(chosen), np.array(chosen, dtype=np.int64)))
