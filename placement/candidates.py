@@ -20,7 +20,7 @@ from models.roads import Road
 from placement.instance import Instance
 from placement.instance.schema import CameraSection
 from placement.network_mounts import count_tries, place_along, surface_of
-from placement.roadway import network_of
+from placement.roadway import georeference_of, network_of
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
@@ -269,7 +269,7 @@ def _street_mounts(network: RoadNetwork, instance: Instance, sides: list[int]) -
 def _standing_mounts(instance: Instance, road: Road, network: RoadNetwork | None) -> _Mounts:
     """Find the poles of a file along the road, in the file's order."""
     mounts, path = instance.mounts, instance.files["mounts.file"]
-    poles = read_poles(path)
+    poles = read_poles(path, georeference_of(instance))
     if network is None:
         s, lateral, off = _off_the_road(road, poles.x_m, poles.y_m)
     else:

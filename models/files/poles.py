@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 
 from models.geometry import FloatArray
+from models.georeference import LONGITUDE_LATITUDE, Georeference, parse_crs
 
 MOST_BYTES = 64_000_000
 MOST_POLES = 1_000_000
@@ -37,8 +38,11 @@ class Poles:
         return len(self.x_m)
 
 
-def read_poles(path: str | Path) -> Poles:
+def read_poles(path: str | Path, georeference: Georeference | None = None) -> Poles:
     """Read a FeatureCollection of Point features; coordinates are [x, y] in the road's frame.
+
+    Where the road lies on the Earth, as `georeference` says, they are longitude and latitude or in
+    the system that the file names as its `crs`; the name `local` means the road's frame, too.
 
     Of a feature's properties `name` (text), `height_m` (of a camera on the pole) and `cost` (of a
     camera put there) are read, others ignored; so is a third coordinate.
@@ -59,7 +63,9 @@ def read_poles(path: str | Path) -> Poles:
     rows = [_pole(feature, f"{path}: features[{n}]") for n, feature in enumerate(features)]
     numbers = np.array([row[:4] for row in rows], dtype=np.float64)
     _refuse_twins(path, numbers[:, :2])
-    columns = [_column(rows, k) for k in range(4)]
+    if georeference is not None and georeference.file_crs is not None:
+        numbers[:, :2] = _in_road(path, numbers[:, :2], _crs(path, collection), georeference)
+    columns = [_column(numbers, k) for k in range(4)]
     return Poles(
         x_m=columns[0],
         y_m=columns[1],
@@ -69,8 +75,37 @@ def read_poles(path: str | Path) -> Poles:
     )
 
 
-def _column(rows: list[tuple[float, float, float, float, str]], k: int) -> FloatArray:
-    column: FloatArray = np.array([row[k] for row in rows], dtype=np.float64)
+def _crs(path: Path, collection: dict[str, Any]) -> str:
+    crs = collection.get("crs")
+    properties = crs.get("properties") if isinstance(crs, dict) else None
+    name = properties.get("name") if isinstance(properties, dict) else None
+    if crs is None:
+        return LONGITUDE_LATITUDE
+    if not isinstance(name, str):
+        raise ValueError(f"{path}: crs must name a coordinate reference system")
+    if name != "local":
+        parse_crs(name, f"{path}: crs")
+    return name
+
+
+def _in_road(path: Path, points: FloatArray, crs: str, where: Georeference) -> FloatArray:
+    if crs == "local":
+        return points
+    if crs == LONGITUDE_LATITUDE and np.any(np.abs(points) > (180.0, 90.0)):
+        bad = int(np.flatnonzero(np.any(np.abs(points) > (180.0, 90.0), axis=1))[0])
+        raise ValueError(
+            f"{path}: features[{bad}] must be longitude and latitude, or the file name its crs "
+            f'("local" for metres of the road\'s frame), got {points[bad, 0]:g}, {points[bad, 1]:g}'
+        )
+    moved = replace(where, file_crs=crs).to_road(points)
+    if not np.isfinite(moved).all():
+        bad = int(np.flatnonzero(~np.isfinite(moved).all(axis=1))[0])
+        raise ValueError(f"{path}: features[{bad}] must lie where the road's projection holds")
+    return moved
+
+
+def _column(numbers: FloatArray, k: int) -> FloatArray:
+    column = np.ascontiguousarray(numbers[:, k])
     column.flags.writeable = False
     return column
 

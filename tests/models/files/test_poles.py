@@ -6,10 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from models.files import poles
 from models.files.poles import read_poles
+from models.geometry import Pose
+from models.georeference import Georeference
 
 
 def pole(x: Any, y: Any, **properties: Any) -> dict[str, Any]:
@@ -105,3 +108,36 @@ def test_a_missing_file_and_one_that_is_no_text_are_named(tmp_path: Path) -> Non
     (tmp_path / "binary").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ValueError, match="must be UTF-8"):
         read_poles(tmp_path / "binary")
+
+
+def test_poles_on_the_earth_land_in_the_road_s_frame(tmp_path: Path) -> None:
+    where = Georeference("EPSG:4326", "EPSG:32632", Pose(500_000.0, 5_300_000.0, 0.3))
+    places = np.array([[10.0, 20.0], [-30.0, 5.0]])
+    systems = {
+        None: where.to_file(places),
+        "EPSG:32632": where.projected_from_road.apply(places),
+        "local": places,
+    }
+    for crs, coordinates in systems.items():
+        features = [
+            {"type": "Feature", "geometry": {"type": "Point", "coordinates": xy}}
+            for xy in coordinates.tolist()
+        ]
+        content: dict[str, object] = {"type": "FeatureCollection", "features": features}
+        if crs is not None:
+            content["crs"] = {"type": "name", "properties": {"name": crs}}
+        path = tmp_path / "earth.geojson"
+        path.write_text(json.dumps(content))
+        found = read_poles(path, where)
+        np.testing.assert_allclose(np.column_stack((found.x_m, found.y_m)), places, atol=1e-6)
+    content["crs"] = {"type": "name", "properties": {"name": "EPSG:999999"}}
+    path.write_text(json.dumps(content))
+    with pytest.raises(ValueError, match="PROJ knows"):
+        read_poles(path, where)
+    del content["crs"]
+    content["features"] = [
+        {"type": "Feature", "geometry": {"type": "Point", "coordinates": [500, 600]}}
+    ]
+    path.write_text(json.dumps(content))
+    with pytest.raises(ValueError, match="must be longitude and latitude, or the file name"):
+        read_poles(path, where)

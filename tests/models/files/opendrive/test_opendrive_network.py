@@ -235,7 +235,8 @@ def test_connecting_roads_of_touching_junctions_are_one_turn(
     def joint(id_: str, incoming: str, other: str) -> str:
         return (
             f'<junction id="{id_}"><connection id="0" incomingRoad="{incoming}" '
-            f'contactPoint="start" connectingRoad="{other}"><laneLink from="-1" to="-1"/></connection></junction>'
+            f'contactPoint="start" connectingRoad="{other}"><laneLink from="-1" to="-1"/>'
+            "</connection></junction>"
         )
 
     network = read(
