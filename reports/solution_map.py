@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from models.footprints import footprint_polygon
+from placement.roadway import network_of
 from reports.style import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION, saved, style
 
 if TYPE_CHECKING:
@@ -95,9 +96,11 @@ def draw_profile(axes: Axes, result: Result) -> None:
             axes.plot(profile.s_m, errors, color=colour, linewidth=0.9, label=f"simulated, {name}")
         schmidt = profile.predicted_rms_m["schmidt"]
         axes.plot(profile.s_m, schmidt, color=BLACK, linewidth=0.7, label="predicted, schmidt")
-    mounts = result.scene.candidates.mount_s_m[
-        result.scene.candidates.mount[np.array(sorted(result.solution.selected), dtype=np.int64)]
-    ]
+    scene = result.scene
+    chosen = np.array(sorted(result.solution.selected), dtype=np.int64)
+    mounts = scene.candidates.mount_s_m[scene.candidates.mount[chosen]]
+    if scene.journeys[0].drivable and network_of(scene.instance) is not None:
+        mounts = mounts[:0]  # they are counted along all streets, not along this drive
     for k, at in enumerate(mounts):
         axes.axvline(
             at, color=GREY, linewidth=0.5, linestyle=":", label="camera" if not k else None

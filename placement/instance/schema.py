@@ -155,7 +155,8 @@ class RoadSection(Section):
 class MountsSection(Section):
     """Where cameras may be put: poles every `spacing_m` on `sides`, or those of a file.
 
-    `file` is GeoJSON with points in the road's frame, whose heights and costs come before these;
+    `file` is GeoJSON with points in the road's frame (where `road.file` lies on the Earth, by
+    longitude and latitude or the `crs` it names), whose heights and costs come before these;
     `cost` is that of a camera put on a pole, whatever camera.
     """
 
