@@ -35,7 +35,7 @@ def search(  # type: ignore[no-untyped-def]
     kind, projects, base, root, V, group, cost, purse, k, priced, slack,
     states, xs, bounds, prices, top, limit, rounds, best, chosen,
 ):  # fmt: skip
-    """Work off the stack's first `top` nodes until it is empty or `limit` nodes were looked at.
+    """Work off the stack's first `top` nodes until it is empty or full, or `limit` were looked at.
 
     `base` (n, n) = root·rootᵀ is the prior, V (c, r, n) the candidates' columns, `group` (c,) their
     groups 0…c − 1, `cost` (c,) and `purse` matter if `priced`. A node whose bound is at most
@@ -47,7 +47,7 @@ def search(  # type: ignore[no-untyped-def]
     closed = -np.inf
     ids, T = np.empty(c, np.int64), np.empty(c, np.int64)
     hold_all, leave_all = np.empty(c), np.empty(c)
-    while top > 0 and nodes < limit:
+    while top > 0 and nodes < limit and top + 2 <= bounds.size:
         top -= 1
         if bounds[top] <= best + slack:
             closed = max(closed, bounds[top])
@@ -103,8 +103,6 @@ def search(  # type: ignore[no-untyped-def]
             top += 1
             continue
         i = ids[branch]
-        if top + 2 > bounds.size:  # never: a stack holds at most one node a level
-            return -1, nodes, best, np.inf
         prices[top + 1] = price
         for a in range(c):
             states[top + 1, a], xs[top + 1, a] = state[a], xs[top, a]

@@ -14,6 +14,7 @@ relative; so the certificate is `optimal` when the tree is empty.
 from __future__ import annotations
 
 import heapq
+import time
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -28,14 +29,17 @@ from placement.objectives.log_det import LogDet
 from placement.objectives.trace_inverse import TraceInverse, inverse_root
 from placement.problem import Problem, Run
 from placement.solution import OPTIMAL_GAP, Proposal, Status
+from placement.solvers.greedy import climb
 
 STARTS = 24  # designs that are swapped to a standstill before the tree
 SWEEPS = 200
+SWAPPING_S = 20.0
 DIVE = 256  # nodes between two looks at the clock
-ROOT_ROUNDS, ROUNDS = 400, 12
+ROOT_ROUNDS, ROUNDS = 400, 12  # climbs and certificates of a node
+ROOT_WORK = 2e9  # the root's rounds are fewer where each takes long: 10 s for 100,000 × 50
 LEAST_LEFT = 3  # fewer to be chosen are found sooner than their symmetries
 MOST_UNFOLDED = 400  # nodes whose symmetries are looked for
-MOST_OPEN = 40_000  # beyond, dives go on until their subtree is done
+MOST_OPEN = 40_000_000  # open nodes times candidates; beyond, dives end their subtree
 
 
 def solve_branch(problem: Problem, run: Run) -> Proposal:
@@ -174,9 +178,12 @@ class Tree:
         self.design = design_of(self.problem)
         self.best = self.design.ids[self.design.required]
         self.score = self._score(self.best)
-        self._swap(np.flatnonzero(self.design.required))
+        started = time.monotonic()
+        state, _, _ = climb(self.problem, self.run)
+        self._swap(np.flatnonzero(np.isin(self.design.ids, state.selected)))
         for start in range(STARTS):
-            if self.run.out_of_time():
+            # from very many candidates a start takes long, and greedy's is a good one
+            if self.run.out_of_time() or time.monotonic() - started > SWAPPING_S:
                 break
             self.run.progress("swapping", start / STARTS)
             self._swap(self._random_start())
@@ -228,7 +235,9 @@ class Tree:
             probe = Tree(self.problem, self.run)
             probe.design, probe.score, probe.best = design, self.score, self.best
             probe.projects = way
-            probe.dive(np.inf, state, np.zeros(len(state)), 0.0, 1, ROOT_ROUNDS)
+            work = design.V.size * (n + 24)
+            rounds = int(np.clip(ROOT_WORK / max(work, 1), ROUNDS, ROOT_ROUNDS))
+            probe.dive(np.inf, state, np.zeros(len(state)), 0.0, 1, rounds)
             bounds.append((probe.bound(), way, probe))
         # Below the root only the projected bound gains by every candidate fixed in.
         near = 0.1 * (bounds[0][0] - self.score)
@@ -338,7 +347,7 @@ class Tree:
         """Search below one node for `limit` nodes; keep what stays open."""
         design = self.design
         c = len(design.ids)
-        size = c + 8
+        size = min(c, 2 * DIVE) + 8
         states = np.empty((size, c), dtype=np.int8)
         xs = np.empty((size, c))
         bounds, prices = np.empty(size), np.zeros(size)
@@ -355,7 +364,8 @@ class Tree:
             self.closed = max(self.closed, closed)
             if score > self.score:
                 self._improve(chosen)
-            if len(self.open) < MOST_OPEN or self.run.out_of_time():
+            full = top + 2 > size
+            if full or len(self.open) * c < MOST_OPEN or self.run.out_of_time():
                 break
         for at in range(top):
             self._made += 1
@@ -380,10 +390,15 @@ class Tree:
         design = self.design
         chosen = np.full(max(design.k, 1), -1, dtype=np.int64)
         chosen[: start.size] = start
-        count, score = better_by_swaps(
-            design.kind, design.base, design.V, design.group, design.cost, design.purse,
-            design.required, design.k, chosen, SWEEPS,
-        )  # fmt: skip
+        score = -np.inf
+        for _ in range(SWEEPS):
+            before = score
+            count, score = better_by_swaps(
+                design.kind, design.base, design.V, design.group, design.cost, design.purse,
+                design.required, design.k, chosen, 1,
+            )  # fmt: skip
+            if score == before or self.run.out_of_time():
+                break
         if score > self.score + 1e-12 * abs(self.score):
             self.score = score
             self.best = design.ids[chosen[:count]]
