@@ -29,7 +29,9 @@ def draw(curve: BudgetCurve) -> dict[str, Content]:
         axes.plot(k, value, "o-", color=BLUE, markersize=3, label="best placement found")
         sign = 1.0 if solutions[0].maximise else -1.0
         hull = _hull(sign * value)
-        axes.plot(k[hull], value[hull], "--", color=VERMILION, linewidth=0.8, label="hull")
+        # at every k: a chord is straight in the value, not in its logarithm
+        chords = np.interp(k, k[hull], value[hull])
+        axes.plot(k, chords, "--", color=VERMILION, linewidth=0.8, label="concave hull")
         if not solutions[0].maximise and np.all(value > 0.0):
             axes.set_yscale("log")
         axes.set_xlabel("cameras k")
