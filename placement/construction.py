@@ -184,17 +184,21 @@ def pareto(first: FloatArray, second: FloatArray) -> BoolArray:
 
 
 def _picked(roads: Sequence[BuiltRoad], most: int) -> list[BuiltRoad]:
-    """Return at most `most` roads: the shortest of each class, then of each the next."""
+    """Return at most `most` roads, short ones and few of a class first.
+
+    A class's n-th road counts as 5 n % longer than it is: so every class that is not much longer
+    than the shortest is judged, and the short classes with other radii and bends, too.
+    """
     by_class: dict[tuple[int, ...], list[BuiltRoad]] = {}
     for road in roads:
         by_class.setdefault(road.word, []).append(road)
     ranked = [
-        (rank, number, road)
+        (road.length_m * (1.0 + 0.05 * rank), number, rank, road)
         for number, group in enumerate(by_class.values())
         for rank, road in enumerate(_spread(group))
     ]
-    ranked.sort(key=lambda entry: entry[:2])
-    return sorted((road for _, _, road in ranked[:most]), key=lambda road: road.length_m)
+    ranked.sort(key=lambda entry: entry[:3])
+    return sorted((entry[3] for entry in ranked[:most]), key=lambda road: road.length_m)
 
 
 def _spread(group: list[BuiltRoad]) -> list[BuiltRoad]:
