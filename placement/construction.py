@@ -80,7 +80,7 @@ class Choice:
                     "min_radius_m": one.road.min_radius_m,
                     "length_m": one.road.length_m,
                     "clearance_m": one.road.clearance_m,
-                    "crosses_itself": one.road.crosses_itself,
+                    "overlaps_itself": one.road.overlaps_itself,
                     "cameras": one.cameras if solution else math.nan,
                     "error_m2": one.error_m2,
                     "lateral_2sigma_m": one.lateral_2sigma_m,
@@ -187,8 +187,10 @@ def _picked(roads: Sequence[BuiltRoad], most: int) -> list[BuiltRoad]:
     """Return at most `most` roads, short ones and few of a class first.
 
     A class's n-th road counts as 5 n % longer than it is: so every class that is not much longer
-    than the shortest is judged, and the short classes with other radii and bends, too.
+    than the shortest is judged, and the short classes with other radii and bends, too. Roads that
+    overlap themselves are judged only where there are no others.
     """
+    roads = [road for road in roads if not road.overlaps_itself] or list(roads)
     by_class: dict[tuple[int, ...], list[BuiltRoad]] = {}
     for road in roads:
         by_class.setdefault(road.word, []).append(road)

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
 _DRAWN_RANGE_M = 60.0
 _DASHES = {"arcs": "--", "clothoids": "-"}
-_MARKERS = {"arcs": "s", "clothoids": "o"}
+_MARKERS = "os^vD<>pPX"  # by class; open: arcs, filled: clothoids
+_APART = 0.035  # of the axes: labels nearer than this would overlap
+_MOST_LINES = 5
 
 
 def draw(choice: Choice) -> dict[str, Content]:
@@ -84,9 +86,11 @@ def _draw_map(axes: Axes, choice: Choice, scene: Scene) -> None:
 
 def _draw_front(axes: Axes, choice: Choice) -> None:
     colours = _colours(choice)
+    markers = {word: _MARKERS[n % len(_MARKERS)] for n, word in enumerate(colours)}
     by_count = choice.measure == "cameras"
     shown: set[tuple[tuple[int, ...], str]] = set()
-    front = []
+    front: list[tuple[float, float]] = []
+    places: list[tuple[int, float, float]] = []
     for n, one in enumerate(choice.judged):
         if one.solution is None:
             continue
@@ -95,18 +99,16 @@ def _draw_front(axes: Axes, choice: Choice) -> None:
         label = None if key in shown else f"{spelled(one.road.word)}, {one.road.kind}"
         shown.add(key)
         axes.plot(
-            one.road.length_m, height, _MARKERS[one.road.kind], color=colours[one.road.word],
+            one.road.length_m, height, markers[one.road.word], color=colours[one.road.word],
             markersize=6, label=label, linestyle="none",
             markerfacecolor="none" if one.road.kind == "arcs" else colours[one.road.word],
         )  # fmt: skip
-        axes.annotate(
-            str(n), (one.road.length_m, height), xytext=(5, 4), textcoords="offset points",
-            fontsize=7,
-        )  # fmt: skip
+        places.append((n, one.road.length_m, height))
         if choice.front[n]:
             front.append((one.road.length_m, height))
     axes.step(*zip(*front, strict=True), where="post", color=GREY, linewidth=0.9, label="front")
     axes.margins(x=0.08, y=0.15)
+    _number(axes, places)
     if by_count:
         axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axes.set_xlabel("length of road (m)")
@@ -114,8 +116,19 @@ def _draw_front(axes: Axes, choice: Choice) -> None:
     axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), title="class, bends")
 
 
+def _number(axes: Axes, places: list[tuple[int, float, float]]) -> None:
+    """Write each road's number beside its mark, where no other number stands in the way."""
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    taken: list[tuple[float, float]] = []
+    for n, x, y in places:
+        at = (x - left) / (right - left), (y - low) / (high - low)
+        if all(abs(at[0] - u) > _APART or abs(at[1] - v) > 2.0 * _APART for u, v in taken):
+            axes.annotate(str(n), (x, y), xytext=(5, 4), textcoords="offset points", fontsize=7)
+            taken.append(at)
+
+
 def draw_counts(table: pd.DataFrame) -> Figure:
-    """Draw the error of every map's roads against the number of cameras, one panel a map."""
+    """Draw the error of each map's shortest roads by number of cameras, one panel a map."""
     maps = list(dict.fromkeys(table["map"]))
     with style():
         columns = min(3, len(maps))
@@ -124,6 +137,8 @@ def draw_counts(table: pd.DataFrame) -> Figure:
         axes = np.atleast_1d(figure.subplots(rows, columns, sharex=True)).ravel()
         for ax, name in zip(axes, maps, strict=False):
             part = table[table["map"] == name]
+            shortest = part.groupby("road")["length_m"].first().nsmallest(_MOST_LINES).index
+            part = part[part["road"].isin(shortest)]
             for n, (_road, line) in enumerate(part.groupby("road")):
                 rms = 100.0 * np.sqrt(line["error_m2"])
                 length = line["length_m"].iloc[0]

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from scipy.spatial import cKDTree
 
 from models.construction.clothoids import join_pieces, with_clothoids
 from models.construction.corners import Belt, Touch, belt_of_rows, pull, tighten
@@ -48,7 +49,7 @@ class BuiltRoad:
     length_m: float
     min_radius_m: float
     clearance_m: float
-    crosses_itself: bool
+    overlaps_itself: bool
 
     def road(self) -> Road:
         """Return it as a road in the world."""
@@ -281,8 +282,18 @@ def _road(belt: Belt, width_m: float) -> BuiltRoad | None:
         length_m=road.length_m,
         min_radius_m=road.min_radius_m,
         clearance_m=kept - 0.5 * width_m,
-        crosses_itself=not line.is_simple,
+        overlaps_itself=_overlaps(road, width_m),
     )
+
+
+def _overlaps(road: Road, width_m: float) -> bool:
+    """Return whether the road's surface meets itself: nearer than its width, twice that along it.
+
+    Along one bend of radius R > 0.53 widths, no two points are.
+    """
+    points = road.sample(min(1.0, 0.25 * width_m))
+    pairs = cKDTree(points.xy).query_pairs(width_m, output_type="ndarray")
+    return bool(np.any(np.abs(points.s_m[pairs[:, 0]] - points.s_m[pairs[:, 1]]) > 2.0 * width_m))
 
 
 def _known(road: BuiltRoad, roads: list[BuiltRoad]) -> bool:
