@@ -23,6 +23,7 @@ from placement.constraints import Constraints
 from placement.objectives.coverage import Coverage
 from placement.objectives.localisation import Localisation
 from placement.objectives.log_det import LogDet
+from placement.objectives.trace_inverse import TraceInverse
 from placement.problem import Problem, Run
 from placement.solvers.exchange import polish
 
@@ -56,7 +57,8 @@ def _solve(subject: Subject, limits: Limits, solver: str, options: dict[str, Any
     selected = _rounded(problem, np.asarray(x.value, dtype=float), deadline)
     solved = model.status == cp.OPTIMAL and math.isfinite(float(model.value))
     note = "" if solved else f"{solver}: {model.status}, so no bound"
-    return Answer(selected, float(model.value) if solved else None, note=note)
+    bound = float(model.value) if problem.objective.maximise else -float(model.value)
+    return Answer(selected, bound if solved else None, note=note)
 
 
 def _rounded(problem: Problem, x: np.ndarray[Any, Any], deadline: float) -> list[int]:
@@ -75,7 +77,9 @@ def _rounded(problem: Problem, x: np.ndarray[Any, Any], deadline: float) -> list
 def _score(problem: Problem, x: Any) -> tuple[Any, list[Any]]:
     f = problem.objective
     if isinstance(f, LogDet):
-        return _log_det(f, x), []
+        return cp.log_det(_information(f, x)) - float(np.linalg.slogdet(f.prior)[1]), []
+    if isinstance(f, TraceInverse):
+        return -cp.tr_inv(_information(f, x)), []
     if isinstance(f, Coverage):
         level = cp.Variable(f.information.n_samples)
         seen = sparse.csr_matrix(f.seen.T)
@@ -92,15 +96,15 @@ def _score(problem: Problem, x: Any) -> tuple[Any, list[Any]]:
     return _localisation(f, x)
 
 
-def _log_det(f: LogDet, x: Any) -> Any:
+def _information(f: LogDet | TraceInverse, x: Any) -> Any:
+    """Return prior + Σ x_i F_i F_iᵀ as an affine expression (n, n)."""
     n = f.n_states
     if n > LARGEST_LOG_DET:
         raise CannotSayError(f"a dense log det of {n} states is beyond a conic solver")
     by_candidate = f.columns.reshape(n, f.n_candidates, f.rank)
     outer = np.einsum("acr,bcr->abc", by_candidate, by_candidate).reshape(n * n, -1)
     whole = f.prior.reshape(-1) + sparse.csr_matrix(outer) @ x
-    base = float(np.linalg.slogdet(f.prior)[1])
-    return cp.log_det(cp.reshape(whole, (n, n), order="C")) - base
+    return cp.reshape(whole, (n, n), order="C")
 
 
 def _localisation(f: Localisation, x: Any) -> tuple[Any, list[Any]]:

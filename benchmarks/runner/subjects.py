@@ -19,7 +19,7 @@ from models.geometry import FloatArray, IntArray
 from placement.candidates import build_candidates
 from placement.constraints import Constraints, count_only
 from placement.information import Information
-from placement.information_problem import information_problem
+from placement.information_problem import InformationProblem
 from placement.instance import Instance, instance_from_dict, load_instance
 from placement.objectives.coverage import Coverage
 from placement.objectives.localisation import Localisation
@@ -57,7 +57,6 @@ class Subject:
     case: Case
     problem: Problem
     referee: Callable[[Sequence[int]], Verdict]
-    arrays: Mapping[str, Any] = field(default_factory=dict)  # of a bare information problem
     sha256: str | None = None  # of the instance file, where there is one
 
 
@@ -185,31 +184,35 @@ def _road_referee(instance: Instance, times: int | None) -> Callable[[Sequence[i
 def _design(case: Case) -> Subject:
     module, function = str(case.spec["generator"]).split(":")
     make = getattr(importlib.import_module(module), function)
-    arrays: dict[str, Any] = make(**case.spec.get("arguments", {}))
-    problem = information_problem(**arrays)
-    return Subject(case, problem, _design_referee(arrays), arrays)
+    made = make(**case.spec.get("arguments", {}))
+    design = made if isinstance(made, InformationProblem) else InformationProblem(**made)
+    return Subject(case, design.problem(), _design_referee(design))
 
 
-def _design_referee(arrays: Mapping[str, Any]) -> Callable[[Sequence[int]], Verdict]:
-    """Judge a bare problem from its arrays: log dets by QR of stacked roots, rules by counting."""
+def _design_referee(design: InformationProblem) -> Callable[[Sequence[int]], Verdict]:
+    """Judge a bare problem from its arrays: by QR of stacked roots, and rules by counting."""
 
     def judge(selected: Sequence[int]) -> Verdict:
-        prior = np.asarray(arrays["prior"], dtype=float)
-        factors = np.asarray(arrays["factors"], dtype=float)
+        prior = np.asarray(design.prior, dtype=float)
+        factors = np.asarray(design.factors, dtype=float)
         faults = _set_faults(selected, len(factors))
         if faults:
             return Verdict(float("nan"), tuple(faults))
-        cost, group = arrays.get("cost"), arrays.get("group")
+        cost, group = design.cost, design.group
         spent = float(len(selected)) if cost is None else float(np.sum(np.asarray(cost)[selected]))
-        if spent > float(arrays["budget"]) * (1.0 + 1e-9):
-            faults.append(f"budget: {spent:.10g} spent of {arrays['budget']:g}")
+        if spent > float(design.budget) * (1.0 + 1e-9):
+            faults.append(f"budget: {spent:.10g} spent of {design.budget:g}")
         if group is not None:
             held = [int(g) for g in np.asarray(group)[list(selected)] if g >= 0]
             if len(set(held)) < len(held):
                 faults.append("group: one holds two")
         root = np.linalg.cholesky(prior).T
         stacked = np.vstack([root, *(factors[i].T for i in selected)])
-        diagonal = np.abs(np.diag(np.linalg.qr(stacked, mode="r")))
+        R = np.linalg.qr(stacked, mode="r")
+        if design.objective == "trace_inverse":
+            inverse = np.linalg.solve(R, np.eye(len(R)))
+            return Verdict(float(np.sum(inverse * inverse)), tuple(faults))
+        diagonal = np.abs(np.diag(R))
         gain = 2.0 * float(np.sum(np.log(diagonal)) - np.sum(np.log(np.diag(root))))
         return Verdict(gain, tuple(faults))
 

@@ -184,20 +184,26 @@ def _doptimal(data: str | None) -> Suite:
 
 
 def _published_designs() -> tuple[Case, ...]:
-    """Return the grid of published sizes: rank one, n = 10, prior 1e-6·I, five seeds each."""
-    return tuple(
-        Case(
-            f"gauss-10-{c}-{k}-seed-{seed}",
-            "design",
-            {
-                "generator": "benchmarks.instances.generators:gaussian",
-                "arguments": {"n": 10, "c": c, "budget": k, "prior": 1e-6, "seed": seed},
-            },
-        )
+    """Return the families of `benchmarks.doptimal`: the grid of published sizes, and others.
+
+    The grid is rank one, n = 10, prior 1e-6·I; five seeds each, of the others two.
+    """
+    grid = [
+        _drawn("gaussian", c, k, seed)
         for c in (100, 200, 300, 500)
         for k in (10, 15, 20)
         for seed in range(5)
-    )
+    ]
+    sizes = (("correlated", 100, 10), ("fusion", 60, 8), ("traced", 50, 10))
+    return (*grid, *(_drawn(*size, seed) for size in sizes for seed in range(2)))
+
+
+def _drawn(family: str, c: int, k: int, seed: int) -> Case:
+    spec = {
+        "generator": f"benchmarks.doptimal:{family}",
+        "arguments": {"c": c, "k": k, "seed": seed},
+    }
+    return Case(f"{family}-{c}-{k}-{seed}", "design", spec)
 
 
 def _greedy(data: str | None) -> Suite:

@@ -32,6 +32,17 @@ DESIGN = Case(
     },
 )
 ROAD = Case("arc-50", "road", {"instance": "arc-50", "changes": {"budget.cameras": 2}})
+TRACED = Case(
+    "traced",
+    "design",
+    {"generator": "benchmarks.doptimal:traced", "arguments": {"c": 20, "k": 6, "seed": 0}},
+)
+SPARSE = Case(
+    "sparse",
+    "synthetic",
+    {"candidates": 50, "samples": 80, "window": 6, "budget": 5, "seed": 0},
+)
+ONCE = Case("once", "coverage", {"instance": "arc-50", "times": 1})
 TOY = Suite("toy", "a toy", (DESIGN,), {"design": ("greedy", "exchange")}, (0, 1), 2, 10.0)
 
 
@@ -46,7 +57,7 @@ def test_jobs_go_round_the_solvers_before_they_repeat() -> None:
     assert keys[4:] == [(1, *rest) for _, *rest in keys[:4]]
 
 
-@pytest.mark.parametrize("case", [DESIGN, ROAD], ids=lambda case: case.kind)
+@pytest.mark.parametrize("case", [DESIGN, TRACED, ROAD, ONCE, SPARSE], ids=lambda case: case.name)
 def test_one_seed_gives_one_value_and_the_referee_agrees(case: Case) -> None:
     first, second = perform(case, "exchange"), perform(case, "exchange")
     assert first["value"] == second["value"]
