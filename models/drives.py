@@ -17,7 +17,7 @@ from models.geometry import FloatArray, IntArray
 from models.network import Lane, RoadNetwork, Turn, lane_length
 from models.polyline import (
     cut_polyline,
-    distinct_points,
+    drivable,
     eased,
     end_headings,
     polyline_length,
@@ -26,10 +26,9 @@ from models.polyline import (
 )
 from models.roads import Road
 
-U_TURN_S = 30.0  # what turning back costs, beside the way
+DRIVEN_RADIUS_M = 5.0  # of a drive's bends where the streets allow it: cars turn on 4.2 m
 _UNREACHED = -9999  # scipy's mark
 _CHANGE_FROM, _CHANGE_TO = 0.35, 0.65  # of an edge: where a change of lanes begins and ends
-_DRIVEN_STEP_M = 1.5  # corners nearer together are one: tighter bends than a car can follow
 _STEP_M = 1e-3  # from a joint to where the next line's widths begin
 _BATCH = 64  # origins whose trees exist at one time
 _DEMAND_COLUMNS = ("from", "to", "trips")
@@ -169,8 +168,8 @@ def drive_road(network: RoadNetwork, route: Route) -> Road:
     """Return the curve of a route: lanes, changes of lanes, and turns, end to end.
 
     Where the file gives polylines, those of the whole route are one, rounded at every corner, so
-    the heading never jumps; elsewhere lanes and turns are exact curves that join in the file. A
-    change of lanes takes the middle third of its edge.
+    the heading never jumps, and straightened until a car can follow; elsewhere lanes and turns are
+    exact curves that join in the file. A change of lanes takes the middle third of its edge.
 
     Raises:
         ValueError: if two edges of the route do not follow each other.
@@ -210,7 +209,7 @@ def _rounded(lines: Sequence[Lane]) -> Road:
     shapes = [line.outline for line in lines]
     ends = np.cumsum([polyline_length(shape) for shape in shapes])
     points = without_spikes(np.vstack(shapes))
-    road = rounded_road(distinct_points(points, _DRIVEN_STEP_M))
+    road = rounded_road(drivable(points, DRIVEN_RADIUS_M))
     # Rounding and what lies between the lines change the length a little: widths go along.
     scale = road.length_m / ends[-1]
     begin = np.concatenate(([0.0], ends[:-1]))
@@ -269,9 +268,10 @@ def _costs(network: RoadNetwork) -> csr_matrix:
     for turn in network.turns:
         a, b = network.edges[turn.from_edge], network.edges[turn.to_edge]
         across = 0.0 if turn.path is None else lane_length(turn.path) / min(a.speed_mps, 10.0)
-        back = U_TURN_S if a.street == b.street and (a.start, a.end) == (b.end, b.start) else 0.0
+        if a.street == b.street and (a.start, a.end) == (b.end, b.start):
+            continue  # nobody turns back within the width of a street
         key = (turn.from_edge, turn.to_edge)
-        cost = seconds[turn.to_edge] + across + back
+        cost = seconds[turn.to_edge] + across
         best[key] = min(cost, best.get(key, math.inf))
     rows = np.array([key[0] for key in best], dtype=np.int64)
     columns = np.array([key[1] for key in best], dtype=np.int64)

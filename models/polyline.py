@@ -17,6 +17,7 @@ RADIUS_M = 8.0  # ... unless the car could not follow it
 _BACK_RAD = math.radians(170.0)  # who turns by more turns round
 _PIECE_M = 1e-9
 _EASE_M = 1.0
+_MOST_MEETING_M = 8.0  # of a corner from the segment it replaces
 _SPIKE_RAD, _SPIKE_M = math.radians(100.0), 2.0
 
 
@@ -29,7 +30,7 @@ def rounded_road(
 
     A corner that turns by θ is cut off by an arc of radius r which starts r·tan(θ/2) before it and
     stays r·(1/cos(θ/2) − 1) off it: `CUT_M`, or more where the radius would be below `radius_m`,
-    and less where half the way to the next corner is too short. The road is therefore
+    and less where the way to the next corner is too short for both. The road is therefore
     shorter than the polyline by r·(2 tan(θ/2) − θ) a corner.
 
     Raises:
@@ -128,6 +129,46 @@ def without_spikes(points_m: FloatArray) -> FloatArray:
     return points
 
 
+def drivable(points_m: FloatArray, radius_m: float) -> FloatArray:
+    """Straighten a polyline (n, 2) until every corner has room for an arc of `radius_m`.
+
+    The shorter segment beside the tightest corner is given up for the point where its neighbours
+    meet, or its middle where they do not, again and again. So a turn drawn as a few short pieces
+    becomes one corner, which a car cuts as it can. First and last segments stay; what is still
+    too tight between them stays as it is.
+    """
+    points = distinct_points(points_m)
+    while len(points) > 3:
+        _, segment, turn = _measure(points)
+        tangent = np.tan(0.5 * np.minimum(np.abs(turn), _BACK_RAD))
+        reach = _shared_out(radius_m * tangent, segment)
+        tight = np.where(tangent > 1e-6, reach / np.maximum(tangent, 1e-6), np.inf)
+        # The first and the last segment are no choice: a corner between them alone is let be.
+        inner = np.where(np.arange(len(segment)) % (len(segment) - 1) == 0, np.inf, segment)
+        choice = np.where(inner[:-1] <= inner[1:], np.arange(len(turn)), np.arange(len(turn)) + 1)
+        tight = np.where(np.isfinite(inner[choice]), tight, np.inf)
+        corner = int(np.argmin(tight))
+        if tight[corner] >= radius_m * (1.0 - 1e-9):
+            break
+        points = _collapsed(points, int(choice[corner]))
+    return points
+
+
+def _collapsed(points: FloatArray, i: int) -> FloatArray:
+    """Replace the segment from corner i to i + 1 by one corner."""
+    a, b, c, d = points[i - 1 : i + 3]
+    u, v, gap = b - a, c - d, c - b
+    cross = float(u[0] * v[1] - u[1] * v[0])
+    meeting = 0.5 * (b + c)
+    if cross != 0.0:
+        along = (gap[0] * v[1] - gap[1] * v[0]) / cross
+        back = (gap[0] * u[1] - gap[1] * u[0]) / cross
+        point = b + along * u
+        if along >= 0.0 and back >= 0.0 and math.dist(point, meeting) < _MOST_MEETING_M:
+            meeting = point
+    return np.vstack((points[:i], meeting[None], points[i + 2 :]))
+
+
 def end_headings(points_m: FloatArray) -> tuple[float, float]:
     """Return the headings of the first and last segment of what `rounded_road` makes of points."""
     points = distinct_points(points_m)
@@ -149,12 +190,12 @@ def _pieces(points: FloatArray, radius_m: float) -> tuple[FloatArray, FloatArray
     tangent = np.tan(half)
     bent = half > 1e-6
     by_cut = CUT_M / (1.0 / np.cos(np.where(bent, half, 1.0)) - 1.0)
-    wanted = np.where(bent, np.maximum(by_cut, radius_m) * tangent, 0.0)
-    room = 0.5 * segment
-    room[0], room[-1] = segment[0], segment[-1]
-    if len(segment) == 1:
-        room[0] = segment[0]
-    reach = np.minimum(wanted, np.minimum(room[:-1], room[1:]))
+    least = np.where(bent, radius_m * tangent, 0.0)
+    reach = _shared_out(least, segment)
+    # Only what no corner needs goes to the gentle ones, whose arcs could take all there is.
+    rest = segment - np.append(reach, 0.0) - np.insert(reach, 0, 0.0)
+    more = np.where(bent, np.maximum(by_cut * tangent - reach, 0.0), 0.0)
+    reach = reach + _shared_out(more, np.maximum(rest, 0.0))
     with np.errstate(divide="ignore", invalid="ignore"):
         curvature = np.where(reach > 0.0, np.sign(turn) * tangent / reach, 0.0)
         arc = np.where(reach > 0.0, reach * np.abs(turn) / tangent, 0.0)
@@ -164,6 +205,15 @@ def _pieces(points: FloatArray, radius_m: float) -> tuple[FloatArray, FloatArray
     lengths[0::2], lengths[1::2], curvatures[1::2] = straight, arc, curvature
     keep = lengths > _PIECE_M
     return lengths[keep], curvatures[keep]
+
+
+def _shared_out(wanted: FloatArray, segment: FloatArray) -> FloatArray:
+    """Give each corner (n − 2,) the reach it wants, or its share of a segment that is too short."""
+    at_ends = np.concatenate(([0.0], wanted, [0.0]))
+    total = at_ends[:-1] + at_ends[1:]
+    share = np.minimum(1.0, segment / np.maximum(total, 1e-300))
+    reach: FloatArray = wanted * np.minimum(share[:-1], share[1:])
+    return reach
 
 
 def _measure(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -101,6 +101,12 @@ def test_drives_over_opendrive_are_its_own_curves(shared_data: Callable[[str], P
         assert np.hypot(*np.diff(at.xy, axis=0).T).max() < 0.11
 
 
+def test_drives_can_be_followed_by_a_car(shared_data: Callable[[str], Path]) -> None:
+    network = read_osm(shared_data("osm/town_10.068_48.135.osm"))
+    for route in sample_routes(network, 60, np.random.default_rng(0)):
+        assert drive_road(network, route).min_radius_m >= 4.2
+
+
 def test_both_directions_are_driven(shared_data: Callable[[str], Path]) -> None:
     network = read_osm(shared_data("osm/town_10.068_48.135.osm"))
     used = {

@@ -14,6 +14,7 @@ from models.polyline import (
     CUT_M,
     cut_polyline,
     distinct_points,
+    drivable,
     eased,
     end_headings,
     offset_polyline,
@@ -99,3 +100,27 @@ def test_spikes_of_overlapping_lines_are_dropped() -> None:
     turns = np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))
     assert np.abs(turns).max() < 1.0
     np.testing.assert_array_equal(cleaned[[0, -1]], line[[0, -1]])
+
+
+@given(st.lists(point, min_size=4, max_size=12))
+@settings(max_examples=60, deadline=None)
+def test_a_straightened_line_keeps_its_ends_and_loses_no_room(
+    points: list[tuple[float, float]],
+) -> None:
+    given_ = np.array(points)
+    assume(math.dist(given_[0], given_[-1]) > 1.0)
+    line = distinct_points(given_)
+    straight = drivable(line, 5.0)
+    assert len(straight) <= len(line)
+    np.testing.assert_allclose(straight[[0, -1]], line[[0, -1]])
+
+
+def test_a_turn_drawn_in_short_pieces_becomes_one_that_a_car_can_follow() -> None:
+    angle = np.linspace(0.0, 0.5 * math.pi, 5)
+    turn = np.column_stack((50.0 + 1.6 * np.sin(angle), -1.6 + 1.6 * np.cos(angle)))
+    line = np.vstack(([[0.0, 0.0]], turn, [[51.6, -60.0]]))
+    assert rounded_road(line).min_radius_m < 4.0
+    road = rounded_road(drivable(line, 5.0))
+    assert road.min_radius_m >= 5.0
+    off = shapely.distance(shapely.LineString(line), shapely.points(road.sample(0.5).xy))
+    assert off.max() < 3.4  # a radius of 8 m cuts a right angle by 3.3 m
