@@ -72,6 +72,8 @@ def _climb(
     run.incumbent = state.selected
     upper = UpperGains(state, lazy=problem.objective.submodular, per_gain=per_gain)
     steps_a_bound = 1 + constraints.n * constraints.budget // _BOUND_WORK
+    if problem.objective.submodular and run.out_of_time():
+        tighten_bound(problem, run, upper)  # these gains are known: a bound, however short of time
     while not run.out_of_time():
         placed = len(state.selected)
         last = placed >= constraints.budget

@@ -188,6 +188,14 @@ def test_no_cut_and_no_bound_excludes_the_best_of_a_hostile_problem(kind: int) -
         hold(seed)
 
 
+def test_a_hill_climber_does_not_go_round_for_ever() -> None:
+    """Problem 861 promised it gains that rounding took, again and again."""
+    problem = draw(861)
+    assert problem is not None
+    found = solve(problem, "hill-climb", time_limit_s=30.0, seed=861)
+    assert found.status is not Status.TIME_LIMIT
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("block", range(20))
 def test_nor_of_two_thousand(block: int) -> None:
