@@ -167,6 +167,7 @@ class Tree:
     closed: float = -np.inf
     nodes: int = 0
     projects: bool = False
+    scale: float = np.inf  # no better design's score is smaller than this, in magnitude
     best: IntArray = field(init=False)
     open: list[tuple[float, int, Any, Any, float]] = field(default_factory=list)
     _made: int = 0
@@ -176,6 +177,8 @@ class Tree:
         """Lay out the arrays and find a first design."""
         self.run.incumbent = [int(i) for i in np.unique(self.problem.constraints.required)]
         self.design = design_of(self.problem)
+        if self.design.kind == TRACE_INVERSE:  # all candidates together leave the least trace
+            self.scale = abs(self._score(self.design.ids))
         self.best = self.design.ids[self.design.required]
         self.score = self._score(self.best)
         started = time.monotonic()
@@ -220,7 +223,8 @@ class Tree:
         }
 
     def _slack(self) -> float:
-        return 0.5 * OPTIMAL_GAP * abs(self.score)
+        """Return how near a bound must come, by the best there may be and not by a bad start."""
+        return 0.5 * OPTIMAL_GAP * min(abs(self.score), self.scale)
 
     def _plant(self) -> None:
         """Bound the root by whichever bound is better there; strike out whom it excludes."""
@@ -234,7 +238,7 @@ class Tree:
         for way in ways:
             probe = Tree(self.problem, self.run)
             probe.design, probe.score, probe.best = design, self.score, self.best
-            probe.projects = way
+            probe.projects, probe.scale = way, self.scale
             work = design.V.size * (n + 24)
             rounds = int(np.clip(ROOT_WORK / max(work, 1), ROUNDS, ROOT_ROUNDS))
             probe.dive(np.inf, state, np.zeros(len(state)), 0.0, 1, rounds)
@@ -244,6 +248,8 @@ class Tree:
         _, self.projects, probe = min(bounds, key=lambda entry: entry[0] - near * entry[1])
         self._root = {"root_bound": probe.bound(), "root_gap": probe.bound() - self.score}
         self.nodes, self.closed = probe.nodes, probe.closed
+        if design.kind == TRACE_INVERSE:
+            self.scale = max(self.scale, abs(probe.bound()))
         self.score, self.best, self.open = probe.score, probe.best, probe.open
         self._shrink()
 

@@ -77,6 +77,23 @@ def test_it_equals_enumeration_whatever_the_options(
         assert sign * solution.bound >= best - 1e-9 * abs(best) - 1e-12
 
 
+def test_the_tree_finds_the_best_without_any_help(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wrong pruning hides behind a good start, so there is none here."""
+    monkeypatch.setattr(Tree, "_swap", lambda _tree, _start: None)
+    pairs = list(itertools.combinations(range(6), 2))
+    edges = np.zeros((len(pairs), 6, 1))
+    for i, (a, b) in enumerate(pairs):
+        edges[i, a, 0], edges[i, b, 0] = 1.0, -1.0
+    symmetric = Problem(LogDet(0.3 * np.eye(5), edges[:, 1:]), count_only(len(pairs), 6))
+    problems = [draw(seed, kind) for seed in range(24) for kind in (LogDet, TraceInverse)]
+    for problem in [symmetric, *(p for p in problems if p is not None)]:
+        best = best_score(problem)
+        solution = solve(problem, "branch")
+        sign = 1.0 if problem.objective.maximise else -1.0
+        assert solution.status is Status.OPTIMAL
+        assert sign * solution.value == pytest.approx(best, rel=1e-6, abs=1e-9)
+
+
 @pytest.mark.parametrize(
     ("n", "k", "prior"), [(4, 4, 1e-6), (4, 4, 1.0), (4, 7, 1e-6), (5, 3, 1e-6)]
 )
