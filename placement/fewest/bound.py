@@ -9,6 +9,7 @@ cameras have prices, and that required cameras and those that cost nothing might
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -252,6 +253,8 @@ def course_of(
 
     With persistent errors all that see something stay: offsets are not compared.
     """
+    views_of = drive
+    drive, tails = without_second_views(drive, usable)
     blocks = three_columns(drive)
     kept = []
     if views is not None:
@@ -274,7 +277,7 @@ def course_of(
     for v, i in enumerate(who):
         row = slice(drive.indptr[i], drive.indptr[i + 1])
         dense[ptr[v] + drive.indices[row] - first[v]] = (1.0 + TWINS) * blocks[row]
-    base = drive.total(given)
+    base = drive.total(given) + tails
     floor = base + (1.0 + 1e-9) * floor_information(drive, usable, max(most, 1))
     before, after, logs = empty_messages(drive.n_samples)
     filter_forward(drive.steps, drive.p0, floor, before, after, logs)
@@ -290,12 +293,38 @@ def course_of(
         limit=limit * (1.0 + ROUNDING),
         failures=failures,
         who=who,
-        indptr=drive.indptr,
-        indices=drive.indices,
+        indptr=views_of.indptr,
+        indices=views_of.indices,
         white=np.empty((0, 3), dtype=np.float32) if views is None else views.white,
         offsets=np.empty((0, 2, 0), dtype=np.float32) if views is None else views.offsets,
         frames=drive.frames,
     )
+
+
+def without_second_views(drive: WhiteDrive, usable: BoolArray) -> tuple[WhiteDrive, FloatArray]:
+    """Return the drive without what cameras see after half a drive's blindness, and that in sum.
+
+    On a closed road a camera near the start sees the car again at the end: as one window that
+    would span the whole lap. What it sees at the end is given to every placement instead, (t, 3).
+    """
+    seen = drive.indices.astype(np.int64)
+    row = np.repeat(np.arange(drive.indptr.size - 1), np.diff(drive.indptr))
+    jump = np.zeros(seen.size, dtype=np.int64)
+    jump[1:] = np.where(row[1:] == row[:-1], seen[1:] - seen[:-1], 0)
+    far = np.cumsum(jump > drive.n_samples // 2)
+    before = np.concatenate(([0], far))[drive.indptr[row]]
+    second = far > before
+    tails = np.zeros((drive.n_samples, 3))
+    if not second.any():
+        return drive, tails
+    free = second & usable[row]
+    np.add.at(tails, seen[free], three_columns(drive)[free])
+    part = copy.copy(drive)
+    keep = ~second
+    part.indptr = np.concatenate(([0], np.cumsum(keep)))[drive.indptr].astype(np.int64)
+    part.indices = np.ascontiguousarray(drive.indices[keep])
+    part.blocks = np.ascontiguousarray(drive.blocks[keep])
+    return part, tails
 
 
 def new_store(failures: int) -> Store:

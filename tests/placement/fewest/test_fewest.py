@@ -153,6 +153,30 @@ def test_persistent_errors_are_bounded_by_cameras_whose_offsets_are_known() -> N
         assert "offset" in solution.stats["bound_relaxes"]
 
 
+def test_a_camera_that_sees_both_ends_of_a_lap_is_no_window_of_a_lap() -> None:
+    several = 0
+    for seed in range(30):
+        rng = np.random.default_rng([13, seed])
+        offsets = 2 * (seed % 2)
+        lap = random_drive(
+            rng, 40, C, wrap=True, offsets=offsets, longest_window=14, strength=1e3,
+            initial_sigma=(0.02, 0.02, 0.01),
+        )  # fmt: skip
+        loose = Tolerance([lap], 1e6)
+        best, none = (
+            float(loose.parts[0].lateral(s).max()) for s in (np.arange(C), np.empty(0, np.int64))
+        )
+        limit = best + 10.0 ** rng.uniform(-3.0, -0.3) * (none - best)
+        objective = Tolerance([lap], 2.0001 * math.sqrt(limit), failures=seed % 3 == 0)
+        counting, _ = counting_of(objective)
+        assert counting.span <= 20
+        counting.prove(C + 1, lambda: False)
+        found = best_price(objective)
+        assert counting.need <= found, seed
+        several += 2 <= found <= C
+    assert several >= 8
+
+
 def test_every_drive_must_be_in_tolerance() -> None:
     for seed in range(8):
         objective = tiny(np.random.default_rng([5, seed]), drives=2)
