@@ -99,9 +99,9 @@ LIBRARY: Mapping[str, Entry] = {
         _real("spielberg", 3, "forty cameras"),
         _real("zandvoort", 5, "entropy on a real road"),
         _real("monza", 5, "trace on 5.8 km"),
-        _drawn("trees-9", 4, "spanning trees of K10: one tree", "spanning_tree", nodes=10, edges=9),
-        _drawn("trees-10", 4, "10 edges: 10 trees", "spanning_tree", nodes=10, edges=10),
-        _drawn("trees-11", 4, "11 edges: 40 trees", "spanning_tree", nodes=10, edges=11),
+        _drawn("trees-9", 2, "spanning trees of K10: one tree", "spanning_tree", nodes=10, edges=9),
+        _drawn("trees-10", 3, "10 edges: 10 trees", "spanning_tree", nodes=10, edges=10),
+        _drawn("trees-11", 3, "11 edges: 40 trees", "spanning_tree", nodes=10, edges=11),
         _drawn(
             "legendre-5",
             1,
@@ -168,7 +168,7 @@ LIBRARY: Mapping[str, Entry] = {
             seed=1,
             rank=3,
         ),
-        _drawn("fusion-40", 4, "sensors with prices", "fusion", n=12, c=40, money=15.0, seed=0),
+        _drawn("fusion-40", 5, "sensors with prices", "fusion", n=12, c=40, money=15.0, seed=0),
         _drawn("fusion-200", 5, "two hundred of them", "fusion", n=20, c=200, money=40.0, seed=0),
         _drawn(
             "dense-2000",
