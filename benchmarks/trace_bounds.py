@@ -42,9 +42,9 @@ def main() -> None:
                 sys.stdout.flush()
 
 
-def table(time_limit_s: float, budgets: Sequence[int] = BUDGETS) -> str:
+def table(time_limit_s: float, method: str, budgets: Sequence[int] = BUDGETS) -> str:
     """Return the whole table in Markdown."""
-    rows = [row(p, w, k, time_limit_s) for p in PROFILES for w in WEIGHTS for k in budgets]
+    rows = [row(p, w, k, time_limit_s, method) for p in PROFILES for w in WEIGHTS for k in budgets]
     return (HEADER + "".join(rows)).rstrip()
 
 
