@@ -79,7 +79,7 @@ def hostile_problem(seed: int, kind: str | None = None) -> tuple[Objective, Rule
 
 def as_problem(objective: Objective, rules: Rules) -> Problem:
     """Put both together; raises `Infeasible` where the rules contradict each other."""
-    place: FloatArray = np.arange(rules.n) // 2 * 3.0
+    place: FloatArray = 3.0 * (np.arange(rules.n) // 2).astype(np.float64)
     return Problem(objective, rules.constraints(), place, max(3.0 * rules.n, 1.0))
 
 

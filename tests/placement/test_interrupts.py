@@ -155,7 +155,7 @@ def interrupted_solve(folder: Path, method: str) -> dict[str, Any]:
             break
     time.sleep(0.05)
     process.send_signal(signal.SIGINT)
-    _, rest = process.communicate(timeout=120)
+    _, rest = process.communicate(timeout=600)
     assert process.returncode == 0, (lines, rest)
     assert not [p for p in out.iterdir() if p.name.startswith(".")]
     record: dict[str, Any] = json.loads((out / "solution.json").read_text())
