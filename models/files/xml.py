@@ -18,7 +18,7 @@ SURE_BYTES = 128 << 20  # up to here any compression will do; beyond ...
 MOST_RATIO = 100  # ... networks pack 8 to 20 times, bombs a thousand
 MOST_TOKEN_BYTES = 64 << 20  # one tag: the shape of a lane with a million points has 16 MB
 MOST_ELEMENTS = 4_000_000  # within one child of the root
-_CHUNK = 1 << 18
+_CHUNK = 1 << 16
 
 
 def stream_elements(path: str | Path, root: str) -> Iterator[Element]:

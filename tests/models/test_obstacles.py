@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from models.obstacles import Obstacles, obstacles_from_polygons
@@ -14,10 +14,11 @@ corner = st.tuples(st.integers(0, 20), st.integers(0, 20))
 
 
 @given(st.lists(corner, min_size=3, max_size=9), st.lists(corner, min_size=3, max_size=5))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 def test_rings_cover_what_the_polygon_covers(
     outline: list[tuple[int, int]], hole: list[tuple[int, int]]
 ) -> None:
+    assume(len(set(outline)) >= 3)  # what encloses nothing has no holes either
     found, mended, empty = obstacles_from_polygons([(np.array(outline, float), [hole])], [4.0])
     wanted = shapely.make_valid(shapely.Polygon(outline, [hole]))
     rings = [shapely.Polygon(ring) for ring in found.rings]

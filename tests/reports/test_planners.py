@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -50,13 +51,14 @@ cameras = 3
 """
 
 
-@pytest.fixture
-def solved(tmp_path: Path) -> Path:
-    (tmp_path / "s.net.xml").write_text(NET)
-    path = tmp_path / "s.toml"
+@pytest.fixture(scope="module")
+def solved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("planners")
+    (folder / "s.net.xml").write_text(NET)
+    path = folder / "s.toml"
     path.write_text('[road]\nfile = "s.net.xml"\n' + SETTINGS)
-    solve_into(tmp_path / "out", str(path), method="greedy", quiet=True)
-    return tmp_path / "out"
+    solve_into(folder / "out", str(path), method="greedy", quiet=True)
+    return folder / "out"
 
 
 def test_sumo_s_own_library_opens_the_cameras(solved: Path) -> None:
@@ -101,9 +103,11 @@ def test_the_bill_adds_up_to_what_the_solution_costs(solved: Path) -> None:
 def test_a_new_solution_leaves_no_old_sumo_file(solved: Path, tmp_path: Path) -> None:
     path = tmp_path / "p.toml"
     path.write_text("[road]\npieces = [{length = 80}]\n" + SETTINGS)
-    solve_into(solved, str(path), method="greedy", quiet=True)
-    assert not (solved / "cameras.add.xml").exists()
-    content = json.loads((solved / "cameras.geojson").read_text())
+    out = tmp_path / "again"
+    shutil.copytree(solved, out)
+    solve_into(out, str(path), method="greedy", quiet=True)
+    assert not (out / "cameras.add.xml").exists()
+    content = json.loads((out / "cameras.geojson").read_text())
     assert content["crs"]["properties"]["name"] == "local"
 
 

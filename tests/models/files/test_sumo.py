@@ -165,6 +165,7 @@ def luxembourg(shared_data: Callable[[str], Path]) -> RoadNetwork:
     return read_sumo(shared_data("lust/luxembourg.net.xml.gz"))
 
 
+@pytest.mark.slow
 def test_luxembourg_has_the_length_its_lanes_claim(luxembourg: RoadNetwork) -> None:
     stated = sum(edge.stated_length_m or 0.0 for edge in luxembourg.edges)
     assert len(luxembourg.edges) == 5740
@@ -173,6 +174,7 @@ def test_luxembourg_has_the_length_its_lanes_claim(luxembourg: RoadNetwork) -> N
     assert luxembourg.parts == 1
 
 
+@pytest.mark.slow
 def test_luxembourg_s_buildings_are_all_there(luxembourg: RoadNetwork) -> None:
     # 13,567 things of that type, 15 of which are points
     assert len(luxembourg.obstacles) == 13_552

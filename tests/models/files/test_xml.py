@@ -36,7 +36,7 @@ def test_entities_are_refused_in_every_format(tmp_path: Path, suffix: str, text:
 @pytest.mark.parametrize("suffix", ROOTS)
 def test_absurd_depth_is_refused(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"deep{suffix}"
-    path.write_text(f"<{ROOTS[suffix]}>" + "<a>" * 200_000)
+    path.write_text(f"<{ROOTS[suffix]}>" + "<a>" * 50_000)
     with pytest.raises(ValueError, match="nested at most 64 deep"):
         read_road_file(path)
 
@@ -82,9 +82,9 @@ def test_a_damaged_gzip_file_is_refused(tmp_path: Path) -> None:
 def test_a_gzip_bomb_is_refused_before_it_has_unpacked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(xml, "SURE_BYTES", 1 << 20)
+    monkeypatch.setattr(xml, "SURE_BYTES", 1 << 18)
     path = tmp_path / "a.net.xml.gz"
-    path.write_bytes(gzip.compress(b"<net>" + b"<edge/>" * 2_000_000 + b"</net>"))
+    path.write_bytes(gzip.compress(b"<net>" + b"<edge/>" * 300_000 + b"</net>"))
     with pytest.raises(ValueError, match="looks like a gzip bomb"):
         list(stream_elements(path, "net"))
 
@@ -109,7 +109,7 @@ def test_one_child_with_countless_elements_is_refused(
 
 def test_children_come_whole_and_memory_stays_small(tmp_path: Path) -> None:
     path = tmp_path / "a.xml"
-    n = 60_000
+    n = 20_000
     path.write_text("<net>" + "".join(f"<e id='{i}'><l k='{i}'/></e>" for i in range(n)) + "</net>")
     tracemalloc.start()
     seen = 0
@@ -121,7 +121,7 @@ def test_children_come_whole_and_memory_stays_small(tmp_path: Path) -> None:
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert seen == n
-    assert peak < 20e6  # a tree of all of it takes ten times that
+    assert peak < 6e6  # a tree of all of it takes several times that
 
 
 def test_a_namespace_does_not_matter(tmp_path: Path) -> None:
