@@ -123,7 +123,9 @@ def _number(axes: Axes, places: list[tuple[int, float, float]]) -> None:
     for n, x, y in places:
         at = (x - left) / (right - left), (y - low) / (high - low)
         if all(abs(at[0] - u) > _APART or abs(at[1] - v) > 2.0 * _APART for u, v in taken):
-            axes.annotate(str(n), (x, y), xytext=(5, 4), textcoords="offset points", fontsize=7)
+            axes.annotate(
+                str(n), (x, y), xytext=(-6, 5), textcoords="offset points", fontsize=7, ha="right"
+            )
             taken.append(at)
 
 
