@@ -35,6 +35,7 @@ from placement.problem import Run
 
 NEWTON_STEPS = 25
 SECANT_STEPS = 30
+FAINT = 1e-3  # of a camera: less is left out where looks are dear
 DEAR_S = 5.0  # a Hessian by differences that would take longer is not computed
 EXCHANGES = 20_000
 ROUNDS = 40
@@ -143,6 +144,8 @@ def _newton(
         exchange(
             y, slope.copy(), curvature, choice.group, mandatory, held, budget, settle, EXCHANGES
         )
+        if secant:
+            y[y < FAINT] = 0.0  # each camera in view adds its offsets to the filter's state
         y, new_score, new_slope = _search_line(objective, x, y, score, slope, run)
         if not new_score > score:
             break
