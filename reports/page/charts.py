@@ -8,6 +8,7 @@ import numpy as np
 from bokeh.models import ColumnDataSource, CustomJS, HoverTool, Range1d, Span
 from bokeh.plotting import figure
 
+from models.geometry import FloatArray
 from placement.commands import Result
 from reports.page.view import View
 from reports.style import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION
@@ -63,7 +64,7 @@ def map_figure(view: View, result: Result, sources: dict[str, ColumnDataSource])
         output_backend="canvas", name="map",
     )  # fmt: skip
     left, right = view.edges
-    surface = np.concatenate((left, right[::-1]))
+    surface = _between(left, right)
     plot.patch(*surface.T, fill_color="#dddddd", line_color=None)
     for edge in view.edges:
         plot.line(*edge.T, color=BLACK, line_width=1)
@@ -153,3 +154,13 @@ def profile_figure(view: View, result: Result, sources: dict[str, ColumnDataSour
     plot.legend.orientation = "horizontal"
     plot.legend.label_text_font_size = "9pt"
     return plot
+
+
+def _between(left: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the outlines (q, 2) of what lies between edges; NaN rows part one from the next."""
+    cuts = np.flatnonzero(np.isnan(left[:, 0]))
+    rings = []
+    for a, b in zip(np.split(left, cuts), np.split(right, cuts), strict=True):
+        inner = slice(1, None) if np.isnan(a[0, 0]) else slice(None)
+        rings += [a[inner], b[inner][::-1], np.full((1, 2), np.nan)]
+    return np.concatenate(rings[:-1])

@@ -12,6 +12,7 @@ from models.geometry import FloatArray
 from placement.assemble import Scene
 from placement.commands import Result
 from placement.prediction import predict
+from placement.roadway import network_of
 
 MOST_POINTS = 800  # of a curve along the road: more cannot be seen, and the page must stay small
 MOST_STEPS = 100
@@ -79,8 +80,22 @@ def _thinned(n: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
 
 
 def _edges(scene: Scene) -> tuple[FloatArray, FloatArray]:
-    """Return the road's left and right edges (p, 2); a closed road's first point again at last."""
+    """Return the road's left and right edges (p, 2); a closed road's first point again at last.
+
+    Of a network, those of every carriageway, with a row of NaN between them.
+    """
     road = scene.road
+    network = network_of(scene.instance)
+    if network is not None:
+        step = max(2.0, network.length_m / (20 * MOST_POINTS))
+        sampled = network.sample(step)
+        normal = np.column_stack(
+            (-np.sin(sampled.points.heading_rad), np.cos(sampled.points.heading_rad))
+        )
+        left = sampled.points.xy + sampled.left_m[:, None] * normal
+        right = sampled.points.xy - sampled.right_m[:, None] * normal
+        breaks = sampled.first[1:-1]
+        return np.insert(left, breaks, np.nan, axis=0), np.insert(right, breaks, np.nan, axis=0)
     s = np.linspace(0.0, road.length_m, min(2 * MOST_POINTS, 2 + int(road.length_m)))
     points = road.evaluate(s)
     left, right = road.half_widths(s)

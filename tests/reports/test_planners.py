@@ -147,3 +147,18 @@ def test_roads_reads_the_shared_files(name: str, shared_data: Callable[[str], Pa
     result = CliRunner().invoke(app, ["roads", str(shared_data(name))])
     assert result.exit_code == 0
     assert "left out or mended" in result.output
+
+
+def test_the_page_draws_every_street_on_its_own(tmp_path: Path) -> None:
+    from placement.assemble import load
+    from reports.page.charts import _between
+    from reports.page.view import _edges
+
+    (tmp_path / "s.net.xml").write_text(NET)
+    (tmp_path / "s.toml").write_text('[road]\nfile = "s.net.xml"\n' + SETTINGS)
+    left, right = _edges(load(tmp_path / "s.toml"))
+    assert np.isnan(left[:, 0]).sum() == np.isnan(right[:, 0]).sum() == 1
+    ground = _between(left, right)
+    (cut,) = np.flatnonzero(np.isnan(ground[:, 0]))
+    areas = [shapely.Polygon(part).area for part in (ground[:cut], ground[cut + 1 :])]
+    assert areas == pytest.approx([120 * 3.2] * 2)
