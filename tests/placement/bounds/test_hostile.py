@@ -149,11 +149,14 @@ def hold_methods(problem: Problem, scores: dict[tuple[int, ...], float], seed: i
     sign = 1.0 if objective.maximise else -1.0
     best = max(scores.values())
     off = slack(objective, best)
+    # where nothing closes, a diagram goes on for minutes; a bound must hold whenever it is stopped
+    limit_s = 2.0 if objective.name == "trace" else math.inf
+    ends = (Status.OPTIMAL, Status.FEASIBLE, *((Status.TIME_LIMIT,) if limit_s < 9.0 else ()))
     for method, about in METHODS.items():
         if set(problem.constraints.beyond_matroid()) - set(about.keeps):
             continue
         try:
-            found = solve(problem, method, seed=seed)
+            found = solve(problem, method, seed=seed, time_limit_s=limit_s)
         except ValueError as error:
             assert f"method {method} " in str(error), (seed, method, error)
             continue
@@ -161,7 +164,7 @@ def hold_methods(problem: Problem, scores: dict[tuple[int, ...], float], seed: i
         if found.status is Status.NUMERICAL_ERROR and objective.name == "log_det":
             assert found.bound is None  # past a condition of 1e9 `branch` may own up, not claim
             continue
-        assert found.status in (Status.OPTIMAL, Status.FEASIBLE), (seed, method, found.stats)
+        assert found.status in ends, (seed, method, found.stats)
         assert sign * found.value <= best + off, (seed, method)
         if found.bound is not None:
             assert sign * found.bound >= best - off, (seed, method, found.bound, best)
