@@ -17,7 +17,7 @@ from models.drives import (
     sample_routes,
 )
 from models.files.centreline import read_centreline
-from models.files.roadfile import is_network_file, network_of_road, read_road_file
+from models.files.roadfile import SUFFIXES, is_network_file, network_of_road, read_road_file
 from models.georeference import Georeference
 from models.network import RoadNetwork
 from models.obstacles import Obstacles
@@ -50,8 +50,7 @@ def build_road(instance: Instance) -> Road:
     whole = file_network(instance)
     if whole is not None and whole.centreline is not None:
         return whole.centreline
-    path = instance.files["road.file"]
-    return read_centreline(path, closed=section.closed, half_width_m=0.5 * section.width_m)
+    return _centreline(instance)
 
 
 def network_of(instance: Instance) -> RoadNetwork | None:
@@ -67,12 +66,7 @@ def network_of(instance: Instance) -> RoadNetwork | None:
     if network is None and traffic:
         if "road.file" not in instance.files:
             raise ValueError("traffic must be left out without road.file: use objective.drives")
-        road = read_centreline(
-            instance.files["road.file"],
-            closed=instance.road.closed,
-            half_width_m=0.5 * instance.road.width_m,
-        )
-        network = network_of_road(road, instance.files["road.file"].stem)
+        network = network_of_road(_centreline(instance), instance.files["road.file"].stem)
     if network is None or (network.centreline is not None and not traffic):
         return None
     if instance.objective.drives is not None:
@@ -137,6 +131,17 @@ def build_routes(instance: Instance, network: RoadNetwork) -> list[Route]:
     if lost:
         warnings.warn(f"{path}: no route serves {lost} of the demands", stacklevel=2)
     return routes
+
+
+def _centreline(instance: Instance) -> Road:
+    section, path = instance.road, instance.files["road.file"]
+    try:
+        return read_centreline(path, closed=section.closed, half_width_m=0.5 * section.width_m)
+    except ValueError as error:
+        if path.suffix.lower() == ".csv":
+            raise
+        known = f"{', '.join(SUFFIXES)} tell other formats by their names"
+        raise ValueError(f"{error} (read as CSV: {known})") from None
 
 
 @lru_cache(maxsize=2)

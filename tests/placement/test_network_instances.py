@@ -223,6 +223,14 @@ def test_what_cannot_be_is_refused_in_one_line(
     assert "\n" not in str(caught.value)
 
 
+def test_a_file_of_another_name_is_told_which_names_there_are(
+    tmp_path: Path, instance: Callable[..., Instance]
+) -> None:
+    (tmp_path / "road.dxf").write_text("0\nSECTION\n")
+    with pytest.raises(ValueError, match=r"road\.dxf: line .*read as CSV: \.csv, \.xodr"):
+        build_road(instance(road__file="road.dxf"))
+
+
 def test_traffic_needs_a_file() -> None:
     made = instance_from_dict({"road": {"pieces": [{"length": 50}]}, "traffic": {"drives": 2}})
     with pytest.raises(ValueError, match=r"traffic must be left out without road\.file"):
