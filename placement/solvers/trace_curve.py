@@ -32,7 +32,7 @@ from placement.solvers.diagram import (
 from placement.solvers.exchange import polish
 from placement.solvers.greedy import best_addition, climb
 
-EFFORTS = (Effort(12, 2, 1), Effort(60, 4, 2), Effort(120, 8, 4), Effort(250, 8, 4))
+EFFORTS = (Effort(60, 4, 2), Effort(120, 8, 4), Effort(250, 8, 4))
 GROWTH = 2.3  # times as long as the one before takes the next sweep
 MOST_LABELS = 25e6  # where there is no time limit
 NEAR = 1.1  # a path's placement this near the best (as a share) is polished
