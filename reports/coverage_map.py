@@ -44,9 +44,23 @@ def draw(result: Result) -> dict[str, Content]:
         axes.add_collection(PolyCollection(near, facecolors=GREY, alpha=0.35, linewidths=0))
         norm = LogNorm(float(errors.min()), float(max(errors.max(), 1.01 * errors.min())))
         drawn = axes.scatter(
-            places[:, 0], places[:, 1], c=errors, norm=norm, s=3.0, cmap="viridis", linewidths=0
+            places[:, 0],
+            places[:, 1],
+            c=errors,
+            norm=norm,
+            s=3.0,
+            cmap="viridis",
+            rasterized=True,
+            linewidths=0,
         )
-        axes.plot(*places[~covered].T, ".", color=BLACK, markersize=1.2, label="seen by no camera")
+        axes.plot(
+            *places[~covered].T,
+            ".",
+            color=BLACK,
+            markersize=1.2,
+            rasterized=True,
+            label="seen by no camera",
+        )
         figure.colorbar(drawn, ax=axes, label="predicted rms position error (m)", shrink=0.7)
         chosen = np.array(sorted(selected), dtype=np.int64)
         cameras = scene.candidates.cameras.subset(chosen)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from models.footprints import footprint_polygon
@@ -51,9 +52,12 @@ def draw_map(axes: Axes, result: Result) -> None:
             label = None if n else "drives"
             axes.plot(*driven.T, color=GREY, linewidth=0.5, linestyle="--", label=label)
     limits = points.xy.min(axis=0) - _MARGIN_M, points.xy.max(axis=0) + _MARGIN_M
-    for outline in scene.obstacles.rings:
-        if np.all(outline.max(axis=0) > limits[0]) and np.all(outline.min(axis=0) < limits[1]):
-            axes.fill(outline[:, 0], outline[:, 1], color=GREY, alpha=0.5, linewidth=0)
+    near = [
+        ring
+        for ring in scene.obstacles.rings
+        if np.all(ring.max(axis=0) > limits[0]) and np.all(ring.min(axis=0) < limits[1])
+    ]
+    axes.add_collection(PolyCollection(near, facecolors=GREY, alpha=0.5, linewidths=0))
     chosen = np.array(sorted(result.solution.selected), dtype=np.int64)
     cameras = scene.candidates.cameras.subset(chosen)
     reach = min(scene.instance.camera.max_range_m, DRAWN_RANGE_M)

@@ -68,8 +68,12 @@ def map_figure(view: View, result: Result, sources: dict[str, ColumnDataSource])
     plot.patch(*surface.T, fill_color="#dddddd", line_color=None)
     for edge in view.edges:
         plot.line(*edge.T, color=BLACK, line_width=1)
-    for ring in result.scene.obstacles.rings:
-        plot.patch(*ring.T, fill_color="#999999", line_color=BLACK, line_width=0.5)
+    rings = result.scene.obstacles.rings
+    if rings:  # one glyph for all: a city has thousands
+        plot.patches(
+            [ring[:, 0] for ring in rings], [ring[:, 1] for ring in rings],
+            fill_color="#999999", line_color=BLACK, line_width=0.5,
+        )  # fmt: skip
     plot.patches(
         "xs", "ys", source=sources["ground"], fill_color=SKY, fill_alpha="alpha",
         line_color=BLUE, line_alpha="alpha",
