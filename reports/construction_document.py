@@ -28,6 +28,11 @@ def fill_document(text: str, folder: Path) -> str:
     return re.sub(r"<!-- table: (\w+) -->\n(?:.*?\n)?<!-- end -->", table, text, flags=re.DOTALL)
 
 
+def roads_table(folder: Path) -> str:
+    """Return the table of the shortest road and that of least error from the study's `folder`."""
+    return _roads(pd.read_csv(folder / "construction_roads.csv"))
+
+
 def _roads(table: pd.DataFrame) -> str:
     rows = []
     for name, part in table.groupby("map", sort=False):

@@ -36,15 +36,15 @@ class DenseDesign:
         asymmetry = float(np.max(np.abs(prior - prior.T)))
         if asymmetry > 1e-9 * float(np.max(np.abs(prior))):
             raise ValueError(f"prior must be symmetric, got entries that differ by {asymmetry:g}")
-        prior = 0.5 * (prior + prior.T)
+        symmetric: FloatArray = np.array(0.5 * (prior + prior.T), dtype=np.float64)
         try:
-            root: FloatArray = np.linalg.cholesky(prior).astype(np.float64)
+            root: FloatArray = np.linalg.cholesky(symmetric).astype(np.float64)
         except np.linalg.LinAlgError:
-            least = float(np.linalg.eigvalsh(prior)[0])
+            least = float(np.linalg.eigvalsh(symmetric)[0])
             raise ValueError(
                 f"prior must be positive definite, got least eigenvalue {least:g}"
             ) from None
-        self.prior: FloatArray = frozen(prior)  # type: ignore[assignment]
+        self.prior: FloatArray = frozen(symmetric)  # type: ignore[assignment]
         self.root: FloatArray = frozen(root)  # type: ignore[assignment]
         self.n_states = n
         self.rank = factors.shape[2]
