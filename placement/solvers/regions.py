@@ -45,16 +45,15 @@ def solve_regions(problem: Problem, run: Run) -> Proposal:
         run.incumbent = order[chosen].tolist()
     finished = not run.out_of_time()
     stats = {"swaps": swaps, **greedy_guarantee(problem, finished)}
+    room = constraints.budget - len(required)
+    residual = residual_bound(city, chosen, allowed, room)
     if not finished:
-        return Proposal(run.incumbent, None, Status.TIME_LIMIT, stats)
+        return Proposal(run.incumbent, residual, Status.TIME_LIMIT, stats)
     run.progress("certificate", None)
     # Required poses are bounded like the others: with fewer rules the bound only rises.
     bound, price, regions = prove(city, constraints.budget, allowed_alone, chosen, last, Serial())
-    room = constraints.budget - len(required)
-    bound = min(bound, residual_bound(city, chosen, allowed, room))
-    return Proposal(
-        run.incumbent, bound, Status.FEASIBLE, {**stats, "price": price, "regions": regions}
-    )
+    stats |= {"price": price, "regions": regions}
+    return Proposal(run.incumbent, min(bound, residual), Status.FEASIBLE, stats)
 
 
 def _by_group(problem: Problem, objective: Localisation) -> tuple[CityProblem, np.ndarray]:

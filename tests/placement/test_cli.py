@@ -79,7 +79,7 @@ def test_solve_writes_the_files_of_the_contract(
     placements = pd.read_csv(out / "placements.csv")
     assert set(placements) == CAMERA_KEYS
     assert (out / "map.png").read_bytes().startswith(b"\x89PNG")
-    assert "<script" not in (out / "index.html").read_text()
+
     assert not [p for p in out.iterdir() if p.name.startswith(".")]
 
 

@@ -142,7 +142,7 @@ def test_contradictions_and_strangers_are_named(budget: dict[str, Any], words: s
         ({"budget": {"costs": [{"cost": 2.0}]}}, r"budget\.costs\[0\] must give at least one"),
         ({"budget": {"costs": [{"mount": 1}]}}, r"budget\.costs\[0\]\.cost is missing"),
         ({"mounts": {"cost": float("inf")}}, r"mounts\.cost must be finite"),
-        ({"camera": {"price": -1.0}}, r"camera\.price must be at least 0"),
+        ({"camera": {"price": -1.0}}, r"camera\.price must lie in \[0, 1e\+15\]"),
         ({"camera": {"catalogue": "x.csv"}}, r"camera must not have both catalogue"),
         ({"mounts": {"file": "x.geojson"}}, r"mounts must not have both file"),
     ],

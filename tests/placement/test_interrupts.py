@@ -21,6 +21,7 @@ from placement.budget_curve import budget_curve
 from placement.constraints import count_only
 from placement.interrupts import asked_to_stop
 from placement.objectives.entropy import Entropy
+from placement.objectives.log_det import LogDet
 from placement.objectives.tolerance import Tolerance
 from placement.objectives.trace import Trace
 from placement.problem import Problem, Run
@@ -33,6 +34,8 @@ OBJECTIVES = {"diagram": "trace", "tempered": "entropy", "tolerance": "tolerance
 def problem_for(method: str, new_problem: Callable[..., Problem]) -> Problem:
     """Return a problem that the method takes, big enough for some progress."""
     rng = np.random.default_rng(3)
+    if method == "branch":
+        return Problem(LogDet(np.eye(8), rng.normal(size=(60, 8, 1))), count_only(60, 9))
     kind = OBJECTIVES.get(method, "localisation")
     if kind == "localisation":
         return new_problem(rng, n_candidates=60, n_samples=80, budget=6)
@@ -112,8 +115,9 @@ def test_an_interrupt_ends_a_whole_budget_curve(new_problem: Callable[..., Probl
         patch.setattr(Run, "out_of_time", out_of_time)
         curve = budget_curve(problem, 1, 12, "exchange", progress=tell)
     assert len(curve.solutions) == 12
-    assert curve.solutions[0].stats["stopped_by"] == "interrupt"
-    assert {s.status for s in curve.solutions[1:]} <= {Status.TIME_LIMIT, Status.OPTIMAL}
+    # the greatest budget is solved first, and is the one that was interrupted
+    assert curve.solutions[-1].stats["stopped_by"] == "interrupt"
+    assert {s.status for s in curve.solutions[:-1]} <= {Status.TIME_LIMIT, Status.OPTIMAL}
 
 
 ROAD = """
