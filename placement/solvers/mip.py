@@ -52,6 +52,7 @@ TOLERANCE = 1e-7
 ROOT_ROUNDS = 60
 # Stop cutting where a round lowers the bound by less than this share of the gap.
 STALL = 0.02
+MOST_FAILURES = 200  # of HiGHS, before the search stops with the bound it has
 WHOLE = 1e-6  # an x this near 0 or 1 is taken for it
 LEAVE_TIME_S = 0.2  # for the verb's own checks, out of the time limit
 
@@ -97,6 +98,7 @@ class Search:
     incumbent: list[int] = field(default_factory=list)
     score: float = 0.0
     nodes: int = 0
+    _failures: int = 0
     root_bound: float = np.inf
     closed_bound: float = -np.inf  # the greatest bound of any node given up as good as done
     left_at_root: int = 0
@@ -171,7 +173,7 @@ class Search:
     def explore(self) -> bool:
         """Work through the open nodes, the highest bound first; return whether none is left."""
         while self._open:
-            if self._out_of_time():
+            if self._out_of_time() or self._failures > MOST_FAILURES:
                 return False
             negative, _, choice = heapq.heappop(self._open)
             bound = -negative
@@ -248,6 +250,7 @@ class Search:
             self.left_at_root = int(choice.allowed.sum())
         if fraction is None and not self._out_of_time():
             # HiGHS failed on this node, or called it infeasible on its own word: split it blindly.
+            self._failures += 1
             fraction = Fraction(np.where(choice.allowed, 0.5, 0.0), np.zeros(0), np.zeros(0))
         if fraction is None:
             self._push(bound, choice)
