@@ -15,6 +15,7 @@ from models.simulation import closed_loop, simulate
 from models.vehicle import PROFILES
 
 
+@pytest.mark.slow
 def test_the_plain_python_loop_errs_as_much_as_ours() -> None:
     """Two programs that share nothing but the model: their rms errors over runs must agree."""
     road = road_from_pieces([Piece(40.0), Piece(30.0, 0.02, 0.02), Piece(40.0)])

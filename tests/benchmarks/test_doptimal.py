@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from benchmarks import doptimal
 from placement.information_problem import read_problem
@@ -20,6 +21,7 @@ def test_generators_give_the_same_instances_every_time(tmp_path: Path) -> None:
     assert read_problem(tmp_path / "one.npz").sha256() == instance.sha256()
 
 
+@pytest.mark.slow
 def test_a_family_is_a_row_of_the_table() -> None:
     small = doptimal.Family("small", lambda seed: doptimal.gaussian(20, 12, seed))
     table = doptimal.families_table([small], "what", 60.0, seeds=2).splitlines()

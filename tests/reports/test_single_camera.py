@@ -92,6 +92,7 @@ def test_mirror_images_have_equal_values_on_a_straight() -> None:
     np.testing.assert_allclose(scorer.poses(poses), scorer.poses(mirrored), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_study_writes_the_same_tables_twice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -79,8 +79,11 @@ def best(name: str) -> float:
 @pytest.mark.parametrize("case", list(CASES))
 @pytest.mark.parametrize(
     "rival",
-    # apricot compiles its kernels anew in every process
-    [pytest.param(name, marks=[pytest.mark.slow] * (name == "apricot")) for name in RIVALS],
+    # apricot compiles its kernels anew in every process, cvxpy its model
+    [
+        pytest.param(name, marks=[pytest.mark.slow] * (name in ("apricot", "cvxpy-clarabel")))
+        for name in RIVALS
+    ],
 )
 def test_a_rival_answers_or_says_that_it_cannot(rival: str, case: str) -> None:
     lacking = RIVALS[rival].missing()

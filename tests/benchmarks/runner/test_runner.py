@@ -132,6 +132,7 @@ def test_a_job_over_its_hard_limit_is_killed_and_a_crash_is_told() -> None:
     assert "nonsense" in crashed["note"]
 
 
+@pytest.mark.slow
 def test_the_run_goes_on_where_it_was_killed(tmp_path: Path) -> None:
     start = "from placement.cli import main; main()"
     arguments = ["benchmark", "smoke", "--out", str(tmp_path), "--instance", "legendre-5", "-q"]
