@@ -29,7 +29,7 @@ demo: $(FRESH)  ## solve and validate the embedded instance into out/demo/
 	$(BIN)/placement demo
 
 test: $(FRESH)  ## the default test suite, under five minutes
-	$(BIN)/python -m pytest -n auto --dist loadgroup
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 test-slow: $(FRESH)  ## the long tests: closed-loop statistics, full-size instances
 	$(BIN)/python -m pytest -m slow

@@ -19,6 +19,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_same_seed_writes_the_same_tables(study: Path, tmp_path: Path) -> None:
     camera_sets.run(tmp_path, quick=True, seed=1)
     names = sorted(path.name for path in study.glob("*.csv"))

@@ -12,6 +12,9 @@ from benchmarks.rivals.registry import RIVALS
 from benchmarks.runner.subjects import Case, load_subject
 from benchmarks.runner.worker import perform
 
+# each rival is loaded in a process of its own, some compile there
+pytestmark = pytest.mark.slow
+
 SMALL = {
     "road.pieces": [{"length": 60.0}],
     "road.sample_spacing_m": 3.0,
@@ -79,11 +82,7 @@ def best(name: str) -> float:
 @pytest.mark.parametrize("case", list(CASES))
 @pytest.mark.parametrize(
     "rival",
-    # apricot compiles its kernels anew in every process, cvxpy its model
-    [
-        pytest.param(name, marks=[pytest.mark.slow] * (name in ("apricot", "cvxpy-clarabel")))
-        for name in RIVALS
-    ],
+    list(RIVALS),
 )
 def test_a_rival_answers_or_says_that_it_cannot(rival: str, case: str) -> None:
     lacking = RIVALS[rival].missing()

@@ -108,8 +108,8 @@ def hold_bounds_against_brute_force(seed: int) -> None:
             assert set(placement) <= set(second.survivors(beat).candidate)
 
 
-@pytest.mark.parametrize("block", range(4))
-def test_no_bound_is_below_the_best_placement_of_120_small_roads(block: int) -> None:
+@pytest.mark.parametrize("block", range(2))
+def test_no_bound_is_below_the_best_placement_of_60_small_roads(block: int) -> None:
     for seed in range(30 * block, 30 * (block + 1)):
         hold_bounds_against_brute_force(seed)
 
