@@ -170,7 +170,7 @@ def demo(
     """Solve and validate the embedded circuit, end to end."""
     from placement import commands
 
-    status = commands.solve_into(out, "circuit", time_limit_s=12.0, seed=seed, quiet=quiet)
+    status = commands.solve_into(out, "circuit", time_limit_s=60.0, seed=seed, quiet=quiet)
     if not status.has_placement:
         raise typer.Exit(EXIT_UNSOLVED)
     commands.validate_in(out, runs=runs, seed=seed, plant="kinematic", quiet=quiet)
