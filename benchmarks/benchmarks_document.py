@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from benchmarks.readme_tables import replace_table
+from benchmarks.documents import replace_table
 from benchmarks.runner.commands import run_and_write
 from benchmarks.runner.suites import SUITES, make_suite
 from benchmarks.runner.summary import instances_markdown, solvers_markdown

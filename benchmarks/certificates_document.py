@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import chain_bounds, embedded_trees, entropy_bounds
-from benchmarks.objectives_document import markdown
-from benchmarks.readme_tables import replace_table
+from benchmarks.documents import markdown, replace_table
 
 DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "certificates.md"
 NAMES = ("localisation", "entropy", "persistent", "trees")

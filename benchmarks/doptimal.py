@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.readme_tables import replace_table
+from benchmarks.documents import replace_table
 from placement.information_problem import InformationProblem
 from placement.solution import Solution
 from placement.solve import solve

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.documents import markdown, replace_table
 from benchmarks.monte_carlo_information import compare
 from benchmarks.navigation_methods import methods_table
 from benchmarks.navigation_sweep import compare_with_refiltering, grow_the_road
-from benchmarks.readme_tables import replace_table
 from benchmarks.synthetic_drives import Samples
 from models.vehicle import OdometryNoise
 from placement.information import Information
@@ -133,12 +133,6 @@ def simulated_table() -> str:
     ]
     header = ["errors", "profile", "closed form", "simulated", "z", "time", "time simulated"]
     return markdown(header, rows)
-
-
-def markdown(header: list[str], rows: list[list[str]]) -> str:
-    """Return a table in Markdown."""
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 if __name__ == "__main__":

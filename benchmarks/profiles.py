@@ -15,9 +15,8 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from benchmarks.documents import markdown, replace_table
 from benchmarks.instances.library import LIBRARY
-from benchmarks.objectives_document import markdown
-from benchmarks.readme_tables import replace_table
 from benchmarks.runner.subjects import Case, load_subject
 from placement.problem import Problem
 from placement.solve import solve

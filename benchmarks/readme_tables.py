@@ -7,7 +7,6 @@ between them, so no number in the document is typed by hand.
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -15,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from benchmarks.documents import markdown, replace_table
 from models.geometry import FloatArray
 from placement.assemble import Scene, assemble
 from placement.instance import Instance, instance_from_dict, load_instance
@@ -60,7 +60,7 @@ def closed_loop_table(_data: Path) -> str:
     }
     rows.append(["exchange − uniform", *(_interval(d) for d in differences.values())])
     header = ["placement", "rms position error (m)", "rms cross-track (m)", "worst cross-track (m)"]
-    return _markdown(header, rows)
+    return markdown(header, rows)
 
 
 TABLES: Mapping[str, Callable[[Path], str]] = {
@@ -87,7 +87,7 @@ def solve_in(scene: Scene, method: str) -> Solution:
 def _solver_table(solutions: Mapping[str, list[Solution]], columns: list[str]) -> str:
     header = ["method", *(f"{c}: value / upper bound / gap / seconds" for c in columns)]
     rows = [[m, *(_cell(s) for s in row)] for m, row in solutions.items()]
-    return _markdown(header, rows)
+    return markdown(header, rows)
 
 
 def _cell(solution: Solution) -> str:
@@ -112,23 +112,6 @@ def _interval(differences: FloatArray) -> str:
     draws = rng.choice(differences, size=(10_000, len(differences))).mean(axis=1)
     low, high = np.quantile(draws, (0.025, 0.975))
     return f"{differences.mean():+.4f} [{low:+.4f}, {high:+.4f}]"
-
-
-def _markdown(header: list[str], rows: list[list[str]]) -> str:
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
-
-
-def replace_table(text: str, name: str, table: str) -> str:
-    """Return `text` with what stands between the marks of table `name` replaced.
-
-    Raises:
-        ValueError: if the text has no such marks.
-    """
-    pattern = re.compile(rf"(<!-- table: {re.escape(name)} -->\n).*?(<!-- end -->)", re.DOTALL)
-    if not pattern.search(text):
-        raise ValueError(f"README.md must hold the mark <!-- table: {name} -->, found none")
-    return pattern.sub(lambda match: f"{match[1]}{table}\n{match[2]}", text)
 
 
 def main() -> None:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.readme_tables import replace_table
+from benchmarks.documents import replace_table
 from models.geometry import IntArray
 from placement.assemble import Scene, assemble
 from placement.fewest.beam import Beam

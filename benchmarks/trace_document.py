@@ -11,7 +11,7 @@ import sys
 import time
 from pathlib import Path
 
-from benchmarks.readme_tables import replace_table
+from benchmarks.documents import replace_table
 from benchmarks.trace_bounds import PROFILES, table, winding, with_budget
 from placement.budget_curve import budget_curve
 from placement.solve import solve

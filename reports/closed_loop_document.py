@@ -6,12 +6,12 @@ Files of further roads may follow, as `--road Norisring.csv`.
 from __future__ import annotations
 
 import argparse
-import re
 import tempfile
 from pathlib import Path
 
 import pandas as pd
 
+from benchmarks.documents import markdown, replace_tables
 from reports.closed_loop import run
 
 DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "closed-loop.md"
@@ -24,11 +24,7 @@ def fill_document(text: str, folder: Path) -> str:
         "prediction": _prediction(pd.read_csv(folder / "prediction.csv")),
         "dead_reckoning": _dead_reckoning(pd.read_csv(folder / "dead_reckoning.csv")),
     }
-
-    def table(match: re.Match[str]) -> str:
-        return f"<!-- table: {match[1]} -->\n{tables[match[1]]}\n<!-- end -->"
-
-    return re.sub(r"<!-- table: (\w+) -->\n.*?<!-- end -->", table, text, flags=re.DOTALL)
+    return replace_tables(text, tables)
 
 
 def _consistency(table: pd.DataFrame) -> str:
@@ -42,7 +38,7 @@ def _consistency(table: pd.DataFrame) -> str:
         }
         rows.append([f"`{instance}`, {case}", cells["ekf"], cells["schmidt"]])
     header = ["", "EKF: predicted / simulated rms (m) / NEES / steps in band", "Schmidt–Kalman"]
-    return _markdown(header, rows)
+    return markdown(header, rows)
 
 
 def _prediction(table: pd.DataFrame) -> str:
@@ -57,7 +53,7 @@ def _prediction(table: pd.DataFrame) -> str:
         ]
         for row in table.to_dict("records")
     ]
-    return _markdown(["", "runs", "predicted rms (m)", "simulated rms (m)", "difference"], rows)
+    return markdown(["", "runs", "predicted rms (m)", "simulated rms (m)", "difference"], rows)
 
 
 def _dead_reckoning(table: pd.DataFrame) -> str:
@@ -75,12 +71,7 @@ def _dead_reckoning(table: pd.DataFrame) -> str:
             ]
         )
     header = ["odometry", "mean end error (m)", "worst (m)", "mean / distance", "claimed / rms (m)"]
-    return _markdown(header, rows)
-
-
-def _markdown(header: list[str], rows: list[list[str]]) -> str:
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return markdown(header, rows)
 
 
 if __name__ == "__main__":

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import re
 import tempfile
 from pathlib import Path
 
 import pandas as pd
 
+from benchmarks.documents import markdown, replace_tables
 from reports.construction import run
 
 DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "construction.md"
@@ -21,11 +21,7 @@ def fill_document(text: str, folder: Path) -> str:
         "driven": _driven(pd.read_csv(folder / "construction_driven.csv")),
         "needed": _needed(pd.read_csv(folder / "construction_needed.csv")),
     }
-
-    def table(match: re.Match[str]) -> str:
-        return f"<!-- table: {match[1]} -->\n{tables[match[1]]}\n<!-- end -->"
-
-    return re.sub(r"<!-- table: (\w+) -->\n(?:.*?\n)?<!-- end -->", table, text, flags=re.DOTALL)
+    return replace_tables(text, tables)
 
 
 def roads_table(folder: Path) -> str:
@@ -51,7 +47,7 @@ def _roads(table: pd.DataFrame) -> str:
         )
     header = ["map", "roads of classes", "on the front", "shortest", "least error"]
     header += ["longer", "less trace"]
-    return _markdown(header, rows)
+    return markdown(header, rows)
 
 
 def _one(row: pd.Series) -> str:
@@ -73,7 +69,7 @@ def _driven(table: pd.DataFrame) -> str:
         ]
         for row in table.to_dict("records")
     ]
-    return _markdown(["map", "filter", "rms error", "cross-track", "within"], rows)
+    return markdown(["map", "filter", "rms error", "cross-track", "within"], rows)
 
 
 def _needed(table: pd.DataFrame) -> str:
@@ -86,12 +82,7 @@ def _needed(table: pd.DataFrame) -> str:
         ]
         for row in table.to_dict("records")
     ]
-    return _markdown(["map", "class", "road", "cameras"], rows)
-
-
-def _markdown(header: list[str], rows: list[list[str]]) -> str:
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return markdown(["map", "class", "road", "cameras"], rows)
 
 
 if __name__ == "__main__":

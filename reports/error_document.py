@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 import pandas as pd
 
+from benchmarks.documents import markdown, replace_tables
 from reports.error_model import run
 
 DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "error-model.md"
@@ -24,20 +24,15 @@ def fill_document(text: str, folder: Path) -> str:
     A table stands between `<!-- table: NAME -->` and `<!-- end -->`. Raises ValueError for a name
     that is not known.
     """
-
-    def table(match: re.Match[str]) -> str:
-        name = match[1]
-        if name not in TABLES:
-            raise ValueError(f"table must be one of {', '.join(TABLES)}, got {name}")
-        body = TABLES[name](lambda csv: pd.read_csv(folder / f"{csv}.csv"))
-        return f"<!-- table: {name} -->\n{body}\n<!-- end -->"
-
-    return re.sub(r"<!-- table: (\w+) -->\n.*?<!-- end -->", table, text, flags=re.DOTALL)
+    tables = {
+        name: make(lambda csv: pd.read_csv(folder / f"{csv}.csv")) for name, make in TABLES.items()
+    }
+    return replace_tables(text, tables)
 
 
 def _coverage(read: Read) -> str:
     rows = read("bound_coverage")
-    return _markdown(
+    return markdown(
         ["model", "samples", "inside", "percent"],
         [
             [f"`{r.model}`", f"{r.samples:,}", f"{r.inside:,}", f"{r.percent:.3f}"]
@@ -61,7 +56,7 @@ def _by_pitch(read: Read) -> str:
                 *(f"{by_pitch[pitch]:.2f}" for pitch in pitches),
             ]
         )
-    return _markdown(["installation", "lens", *(f"{p:g}°" for p in pitches)], rows)
+    return markdown(["installation", "lens", *(f"{p:g}°" for p in pitches)], rows)
 
 
 def _first_order(read: Read) -> str:
@@ -71,7 +66,7 @@ def _first_order(read: Read) -> str:
         [f"{orientation}°", *("–" if math.isnan(x) else f"{x:.1f}" for x in line)]
         for orientation, line in zip(wide.index, wide.to_numpy(), strict=True)
     ]
-    return _markdown(["orientation", *(f"ε < {e:g}" for e in wide.columns)], rows)
+    return markdown(["orientation", *(f"ε < {e:g}" for e in wide.columns)], rows)
 
 
 def _components(read: Read) -> str:
@@ -85,7 +80,7 @@ def _components(read: Read) -> str:
         [f"{pitch:g}°", *(f"{x:.3f}" for x in line)]
         for pitch, line in zip(wide.index, wide.to_numpy(), strict=True)
     ]
-    return _markdown(["pitch", *names], rows)
+    return markdown(["pitch", *names], rows)
 
 
 def _installer(read: Read) -> str:
@@ -96,7 +91,7 @@ def _installer(read: Read) -> str:
     for (model, pitch), part in _groups(table, ["model", "pitch_deg"]):
         best = float(part["orientation_95_deg"].max())
         rows.append([f"`{model}`", f"{pitch:g}°", f"{best:g}°" + " or worse" * (best >= end)])
-    return _markdown(["model", "pitch", "orientation to, 95 %"], rows)
+    return markdown(["model", "pitch", "orientation to, 95 %"], rows)
 
 
 def _bounds(read: Read) -> str:
@@ -113,7 +108,7 @@ def _bounds(read: Read) -> str:
         for (protocol, pitch), part in _groups(merged, ["protocol", "pitch_deg"])
     ]
     rows.sort(key=lambda row: -float(row[0][:-1]))
-    return _markdown(["pitch", "protocol", "mean", "median", "95th", "distance (m)"], rows)
+    return markdown(["pitch", "protocol", "mean", "median", "95th", "distance (m)"], rows)
 
 
 def _algorithm(read: Read) -> str:
@@ -129,17 +124,12 @@ def _algorithm(read: Read) -> str:
         for px in theirs.index
     ]
     header = ["Δ_alg", "`radius`, median (m)", "`ellipse`", "`covariance`", "dissertation"]
-    return _markdown(header, rows)
+    return markdown(header, rows)
 
 
 def _groups(table: pd.DataFrame, keys: list[str]) -> Iterator[tuple[tuple[Any, ...], pd.DataFrame]]:
     for key, part in table.groupby(keys, sort=False):
         yield (key if isinstance(key, tuple) else (key,)), part
-
-
-def _markdown(header: list[str], rows: list[list[str]]) -> str:
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 TABLES: dict[str, Callable[[Read], str]] = {

@@ -6,7 +6,6 @@ DIR is what `placement report all --out DIR` wrote; a study that is not there ke
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -14,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from benchmarks.documents import markdown, replace_table
 from reports import construction_document
 
 DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "findings.md"
@@ -39,7 +39,7 @@ def poses(folder: Path) -> str:
                 ]
             )
     header = ["κ (1/m)", "best for", "yaw", "pitch", "hfov", "vfov", "value", "none better by"]
-    return _markdown(header, rows)
+    return markdown(header, rows)
 
 
 def losses(folder: Path) -> str:
@@ -58,7 +58,7 @@ def losses(folder: Path) -> str:
             cells.append(f"{predicted:.1f} / {driven:.1f}")
         rows.append(cells)
     header = ["κ (1/m)", *(f"for `{n}`" for n in ("kalman_gain", "localisation", "entropy"))]
-    return _markdown([*header, "for `lateral`"], rows)
+    return markdown([*header, "for `lateral`"], rows)
 
 
 def pose_ranks(folder: Path) -> str:
@@ -77,7 +77,7 @@ def pose_ranks(folder: Path) -> str:
         for row in table.to_dict("records")
     ]  # fmt: skip
     header = ["κ (1/m)", "objective", "trace", "lateral", "driven error", "driven cross-track"]
-    return _markdown(header, rows)
+    return markdown(header, rows)
 
 
 def sets_driven(folder: Path) -> str:
@@ -98,7 +98,7 @@ def sets_driven(folder: Path) -> str:
         loose = part[part["placed_for"] == "nothing"]["cross_track_rms_m"].median()
         rows.append([*cells, f"{100.0 * loose:.1f}"])
     header = ["road", "k", *(f"`{n}`" for n in names), "`uniform`", "`random`"]
-    return _markdown([*header, "random sets, median"], rows)
+    return markdown([*header, "random sets, median"], rows)
 
 
 def set_ranks(folder: Path) -> str:
@@ -111,7 +111,7 @@ def set_ranks(folder: Path) -> str:
         part = table[table["objective"] == name]
         means = [part[part["road"] == road]["cross_track"].mean() for road in roads]
         rows.append([f"`{name}`", *(f"{m:+.2f}" for m in means), f"{np.nanmean(means):+.2f}"])
-    return _markdown(["objective", *roads, "mean"], rows)
+    return markdown(["objective", *roads, "mean"], rows)
 
 
 def diminishing(folder: Path) -> str:
@@ -129,7 +129,7 @@ def diminishing(folder: Path) -> str:
                 "from a loss to a gain" if lost else f"{worst:.2f}",
             ]
         )
-    return _markdown(["objective", "triples", "violations", "largest gain on B over A"], rows)
+    return markdown(["objective", "triples", "violations", "largest gain on B over A"], rows)
 
 
 def gaps(folder: Path) -> str:
@@ -155,7 +155,7 @@ def gaps(folder: Path) -> str:
                 ]
             )
     header = ["objective", "method", "cases", "median loss", "worst loss", "median proven gap"]
-    return _markdown(header, rows)
+    return markdown(header, rows)
 
 
 def counts(folder: Path) -> str:
@@ -178,7 +178,7 @@ def counts(folder: Path) -> str:
         shown = ["–" if pd.isna(n) else f"{n:.0f}" for n in numbers]
         rows.append([*cells, f"**{row['cameras']:.0f}**", *shown, per_km])
     header = ["road", "τ", "poles", "installation", "dark", "cameras", "at least", "`uniform`"]
-    return _markdown([*header, "grid", "per km"], rows)
+    return markdown([*header, "grid", "per km"], rows)
 
 
 def crossing(folder: Path) -> str:
@@ -201,7 +201,7 @@ def crossing(folder: Path) -> str:
             ]
         )
     header = ["k", *(f"`{m}`" for m in methods), "proven", "worst 2σ lateral", "driven cross-track"]
-    return _markdown(header, rows)
+    return markdown(header, rows)
 
 
 def roads(folder: Path) -> str:
@@ -230,17 +230,8 @@ def fill_document(text: str, folder: Path) -> str:
             table = make(folder)
         except FileNotFoundError:
             continue
-        pattern = re.compile(rf"(<!-- table: {re.escape(name)} -->\n).*?(<!-- end -->)", re.DOTALL)
-        if not pattern.search(text):
-            raise ValueError(f"docs/findings.md must hold the mark of table {name!r}")
-        head, tail = pattern.split(text, maxsplit=1)[0], pattern.split(text, maxsplit=1)[-1]
-        text = f"{head}<!-- table: {name} -->\n{table}\n<!-- end -->{tail}"
+        text = replace_table(text, name, table)
     return text
-
-
-def _markdown(header: list[str], rows: list[list[str]]) -> str:
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 if __name__ == "__main__":

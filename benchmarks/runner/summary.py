@@ -15,7 +15,7 @@ import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from benchmarks.objectives_document import markdown
+from benchmarks.documents import markdown
 from placement.solution import OPTIMAL_GAP
 
 Row = Mapping[str, Any]
