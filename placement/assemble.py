@@ -216,7 +216,7 @@ def build_drives(
     ]
 
 
-# What each objective.kind is made of; a kind without a row is refused in `instance.later`.
+# What each objective.kind is made of.
 OBJECTIVES: Mapping[str, Callable[[Instance, Sequence[Journey]], Objective]] = {
     "entropy": _entropy,
     "final_entropy": _final_entropy,

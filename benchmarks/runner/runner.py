@@ -17,13 +17,13 @@ import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from benchmarks.runner.journal import Journal
 from benchmarks.runner.subjects import Case
 from benchmarks.runner.suites import Suite
+from placement.output import versions
 from placement.watch import Report
 
 PACKAGES = (
@@ -104,7 +104,7 @@ def _row(job: Job, suite: Suite) -> dict[str, Any]:
         "seed": job.seed,
         "repeat": job.repeat,
         "time_limit_s": suite.time_limit_s,
-        "versions": versions(),
+        "versions": {"python": platform.python_version(), **versions(PACKAGES)},
         "machine": machine(),
         **found,
     }
@@ -169,17 +169,6 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     if process.poll() is None:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of whatever is installed of what is measured."""
-    found = {"python": platform.python_version()}
-    for name in PACKAGES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found
 
 
 def machine() -> dict[str, str]:

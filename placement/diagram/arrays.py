@@ -27,7 +27,6 @@ class Road(NamedTuple):
     base: FloatArray  # (t, 3) information that every placement has
     w_tt: float
     w_nn: float
-    limit: float  # the lateral variance beyond which a placement does not count
     floor_p: FloatArray  # (t, 6) below every placement's covariance before the sample
     floor_cost: FloatArray  # (t + 1,) below every placement's cost of the samples before
     near_form: FloatArray  # (t, 6) product with P: how costly a covariance is to carry on
@@ -119,7 +118,6 @@ class Storage(NamedTuple):
     pending: Pending
     nodes: Nodes
     arcs: Arcs
-    reached: np.typing.NDArray[np.bool_]  # (k + 1,) with how many cameras the end was reached
     counter: IntArray
 
 
@@ -159,7 +157,6 @@ def new_storage(
             np.empty(arcs, dtype=np.int32),
             np.empty(arcs),
         ),
-        np.zeros(k + 1, dtype=np.bool_),
         counter,
     )
 

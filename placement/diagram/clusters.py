@@ -80,13 +80,13 @@ def continue_clusters(t, m, k, road, views, rules, hope, table, storage, mat, ve
     blocks_of, second_of, togo = pending.blocks, pending.second, storage.nodes.togo
     sources, targets, moves, costs = arcs.source, arcs.target, arcs.move, arcs.cost
     head, following, parents, waiting = pool.head, pool.next, pool.parent, pool.move
-    values, reached = pool.value, storage.reached
+    values = pool.value
     lo, hi, table_p, table_togo = table.lo, table.hi, table.p, table.togo
     ptr, blocks, family_of = views.ptr, views.blocks, views.family
     begin, end = views.at[t], views.at[t + 1] if m < k else views.at[t]
     families, span, slots, threshold = views.families, views.span, rules.slots, rules.threshold
     floor_cost, t_end = road.floor_cost, road.steps.shape[0]
-    base, steps, limit, w_tt, w_nn = road.base, road.steps, road.limit, road.w_tt, road.w_nn
+    base, steps, w_tt, w_nn = road.base, road.steps, road.w_tt, road.w_nn
     for length in range(1, span + 1):
         for key in range(families * CLASSES):
             family, kind = key // CLASSES, key % CLASSES
@@ -129,8 +129,6 @@ def continue_clusters(t, m, k, road, views, rules, hope, table, storage, mat, ve
                     p, base[t, 0] + j[0], base[t, 1] + j[1], base[t, 2] + j[2]
                 )
                 paid = w_tt * u0 + w_nn * u3
-                if u3 > limit:
-                    continue
                 q = (u0, u1, u2, u3, u4, u5)
                 if t + 1 < t_end:
                     q = predict(q, steps[t + 1])
@@ -154,7 +152,6 @@ def continue_clusters(t, m, k, road, views, rules, hope, table, storage, mat, ve
                         waiting,
                         values,
                         togo,
-                        reached,
                         counter,
                     )
                     if counter[FULL]:

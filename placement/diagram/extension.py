@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 from numba import njit
 
 from placement.diagram.arrays import ARCS, FREE, FULL, POOL, PRUNED
@@ -25,13 +24,13 @@ def record(sources, targets, moves, costs, counter, source, target, move, cost):
 def extend_alone(t, m, first, kept, k, road, views, rules, table, storage):  # type: ignore[no-untyped-def]
     """Extend labels first…first + kept − 1, of m cameras at t, without any overlap."""
     # named tuples are taken apart outside the loops: each look inside counts references
-    steps, base, limit, w_tt, w_nn = road.steps, road.base, road.limit, road.w_tt, road.w_nn
+    steps, base, w_tt, w_nn = road.steps, road.base, road.w_tt, road.w_nn
     ptr, blocks = views.ptr, views.blocks
     lo, hi, table_p, table_togo = table.lo, table.hi, table.p, table.togo
     node_p, node_cost, togo = storage.nodes.p, storage.nodes.cost, storage.nodes.togo
     head, following, pool = storage.pool.head, storage.pool.next, storage.pool
     parents, moves, values = pool.parent, pool.move, pool.value
-    reached, counter = storage.reached, storage.counter
+    counter = storage.counter
     t_end, begin = steps.shape[0], views.at[t]
     end = views.at[t + 1] if m < k else begin
     for parent in range(first, first + kept):
@@ -50,14 +49,9 @@ def extend_alone(t, m, first, kept, k, road, views, rules, table, storage):  # t
                     e += 1
                 u0, u1, u2, u3, u4, u5, _ = update(q, j0, j1, j2)
                 paid += w_tt * u0 + w_nn * u3
-                if u3 > limit:
-                    paid = np.inf
-                    break
                 q = (u0, u1, u2, u3, u4, u5)
                 if s + 1 < t_end:
                     q = predict(q, steps[s + 1])
-            if paid == np.inf:
-                continue
             deposit(
                 parent,
                 0.0 if rules.probing else node_cost[parent],
@@ -77,7 +71,6 @@ def extend_alone(t, m, first, kept, k, road, views, rules, table, storage):  # t
                 moves,
                 values,
                 togo,
-                reached,
                 counter,
             )
             if counter[FULL]:
@@ -104,13 +97,11 @@ def deposit(  # type: ignore[no-untyped-def]
     moves,
     values,
     togo_of,
-    reached,
     counter,
 ):
     """Leave a label with nothing pending for sample `at`, unless the table says it is no good."""
     if at == table_lo.shape[0] - 1:
         togo_of[parent] = min(togo_of[parent], paid)
-        reached[m] = True
         return
     togo = least_togo(q, table_lo[at, m], table_hi[at, m], table_p, table_togo)
     if cost + paid + togo > threshold:

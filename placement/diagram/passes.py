@@ -55,7 +55,6 @@ class Outcome:
     width: int
     epsilon: float
     seconds: float
-    reached: BoolArray
     counters: list[int] = field(default_factory=list)
     bounds: FloatArray = field(default_factory=lambda: np.empty(0))
     paths: dict[int, list[int]] = field(default_factory=dict)
@@ -71,20 +70,17 @@ class Diagram:
         usable: BoolArray,
         required: IntArray,
         budget: int,
-        limit: float = np.inf,
     ) -> None:
         """Prepare for at most `budget` of the `usable` (c,) cameras beside the required ones.
 
-        Partial placements whose lateral variance exceeds `limit` somewhere do not count. Of views
-        too long for the memory only the head is a move, and what the cameras see beyond is given
-        to every placement: see `diagram.moves`.
+        Of views too long for the memory only the head is a move, and what the cameras see beyond
+        is given to every placement: see `diagram.moves`.
 
         Raises:
             ValueError: if most views are too long.
         """
         self.drive = drive
         self.weight = weight
-        self.limit = limit
         self.budget = budget
         longest = max(1, math.isqrt(MOST_PENDING // (budget + 1)))
         self.moves, beyond = make_moves(drive, usable, longest, budget)
@@ -98,7 +94,6 @@ class Diagram:
             self.base,
             float(weight[0]),
             float(weight[1]),
-            float(limit),
             before * (1.0 - 1e-12),
             np.concatenate(([0.0], np.cumsum(paid))) * (1.0 - 1e-12),
             near_form(drive.steps, *weight, max(1, drive.n_samples // (2 * max(budget, 1)))),
@@ -213,7 +208,6 @@ class Diagram:
             width,
             float(bin_epsilon.max()),
             time.monotonic() - start,
-            storage.reached,
             storage.counter.tolist(),
             found,
             paths,

@@ -26,11 +26,7 @@ STORAGE_FULL = 1  # the value of counter[FULL]
 
 @njit(cache=True)
 def forward(begin, end, k, road, views, rules, hope, table, bin_epsilon, storage):  # type: ignore[no-untyped-def]
-    """Sweep samples begin…end − 1; stop early with counter[FULL] set if storage runs out.
-
-    A label whose lateral variance exceeds `road.limit` after some sample's measurements is
-    dropped; storage.reached (k + 1,) tells with how many cameras the end was reached.
-    """
+    """Sweep samples begin…end − 1; stop early with counter[FULL] set if storage runs out."""
     nodes, pool, arcs, counter = storage.nodes, storage.pool, storage.arcs, storage.counter
     sources, targets, moves, costs = arcs.source, arcs.target, arcs.move, arcs.cost
     mat, vec = np.empty((3, 3)), np.empty((3, 3))

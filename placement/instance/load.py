@@ -18,7 +18,6 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from placement.instance.later import refusals
 from placement.instance.messages import InstanceError, describe
 from placement.instance.schema import (
     BudgetSection,
@@ -170,8 +169,7 @@ def instance_from_dict(
     except ValidationError as error:
         raise InstanceError(describe(error, Document)) from None
     files = _files(document, Path(folder).resolve())
-    problems = refusals(document)
-    problems += [
+    problems = [
         f'{key} must name a readable file, got "{path}"'
         for key, path in files.items()
         if not path.is_file()

@@ -68,6 +68,5 @@ def as_pair(value: Any) -> Any:
 
 NOT_EMPTY_NOR_REPEATING = AfterValidator(_check_list)
 LOOSE = Field(strict=False)  # a TOML array becomes a tuple; its items stay strict
-Positive = Annotated[float, interval(0.0, math.inf, ends="()")]
 NotNegative = Annotated[float, interval(0.0, math.inf, ends="[)")]
 Pair = Annotated[tuple[float, float], LOOSE]

@@ -13,7 +13,7 @@ from placement.commands import Result
 from reports.page.view import View
 from reports.style import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION
 
-FAINT, CLEAR = 0.10, 0.45  # opacities of a footprint: at rest, and of the camera pointed at
+FAINT = 0.10  # the opacity of a footprint at rest; page.js has that of a camera pointed at
 TOOLS = "pan,wheel_zoom,box_zoom,reset,save"
 
 

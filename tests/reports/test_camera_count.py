@@ -15,9 +15,6 @@ from placement.prediction import predict
 from placement.solve import solve
 from reports import camera_count, intersection
 
-# one worker compiles the kernels of this room for all
-pytestmark = pytest.mark.xdist_group("fewest")
-
 
 def test_counts_lie_between_what_is_proven_and_what_plainer_plans_need(tmp_path: Path) -> None:
     camera_count.run(tmp_path, quick=True)

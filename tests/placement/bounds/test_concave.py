@@ -17,9 +17,6 @@ from placement.objectives.entropy import Entropy
 from placement.objectives.trace import Trace
 from placement.problem import Run
 
-# one worker compiles the kernels of this room for all
-pytestmark = pytest.mark.xdist_group("concave")
-
 NONE = np.empty(0, dtype=np.int64)
 
 

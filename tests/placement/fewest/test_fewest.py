@@ -17,9 +17,6 @@ from placement.problem import Problem
 from placement.solution import Status
 from placement.solve import solve
 
-# one worker compiles the kernels of this room for all
-pytestmark = pytest.mark.xdist_group("fewest")
-
 C = 7
 ROUGH = Effort(2, 1, 0.5)
 FINE = Effort(200, 8, 1e-3)

@@ -9,9 +9,6 @@ import pytest
 from placement.cli import main
 from placement.verify import verify_folder
 
-# one worker compiles the kernels of this room for all
-pytestmark = pytest.mark.xdist_group("fewest")
-
 ROAD = """
 [road]
 pieces = [{{length = 160}}, {{length = 60, curvature = 0.02}}, {{length = 80}}]

@@ -24,9 +24,6 @@ from placement.solve import solve
 from placement.tempered.bound import SecondOrder, Tempered, make_line
 from placement.tempered.search import gains_beyond, search
 
-# one worker compiles the kernels of this room for all
-pytestmark = pytest.mark.xdist_group("tempered")
-
 SHARES = (1.0, 0.7, 0.3, 0.02)
 NONE = np.empty(0, dtype=np.int64)
 
