@@ -17,11 +17,12 @@ from matplotlib.figure import Figure
 
 from benchmarks.tolerance import grids
 from placement.assemble import Scene, assemble
-from placement.atomic import Content, prepare_folder, write_files
+from placement.atomic import prepare_folder, write_files
 from placement.instance import Instance, instance_from_dict
 from placement.objectives.tolerance import Tolerance
 from placement.solve import solve
-from reports.style import CYCLE, saved, style
+from reports.study_files import study_files
+from reports.style import CYCLE, style
 
 ROADS: dict[str, list[dict[str, Any]]] = {
     "straight": [{"length": 300}],
@@ -111,13 +112,9 @@ def run(
         )
         rows.append(_row(case, seed))
     counts = pd.DataFrame(rows)
-    contents: dict[str, Content] = {
-        "counts.csv": counts.to_csv(index=False, float_format="%.6g", lineterminator="\n")
-    }
     with style():
         figure = _figure(counts)
-    contents |= {f"cameras_per_km.{kind}": saved(figure, kind) for kind in ("png", "svg")}
-    write_files(out_dir, contents)
+    write_files(out_dir, study_files({"counts": counts}, {"cameras_per_km": figure}))
 
 
 def _row(case: Case, seed: int) -> dict[str, Any]:

@@ -17,7 +17,7 @@ import pandas as pd
 
 from models.geometry import FloatArray, IntArray
 from placement.assemble import Scene, assemble
-from placement.atomic import Content, prepare_folder, write_files
+from placement.atomic import prepare_folder, write_files
 from placement.instance import instance_from_dict
 from placement.objectives.base import Objective
 from placement.problem import Problem
@@ -26,7 +26,7 @@ from placement.solve import solve
 from placement.validation import validate
 from reports import camera_sets_figures as figures
 from reports.camera_sets_rank import diminishing_returns, rank_correlations
-from reports.style import saved
+from reports.study_files import study_files
 
 ROADS: dict[str, list[dict[str, Any]]] = {
     "straight": [{"length": 200}],
@@ -122,13 +122,7 @@ def run(
         "ranks": rank_correlations(pd.DataFrame(driven), list(OBJECTIVES)),
         "diminishing": pd.DataFrame(diminishing),
     }
-    contents: dict[str, Content] = {
-        f"{name}.csv": table.to_csv(index=False, float_format="%.6g", lineterminator="\n")
-        for name, table in tables.items()
-    }
-    for name, figure in figures.draw(tables).items():
-        contents |= {f"{name}.{kind}": saved(figure, kind) for kind in ("png", "svg")}
-    write_files(out_dir, contents)
+    write_files(out_dir, study_files(tables, figures.draw(tables)))
 
 
 def scenes_of(names: Sequence[str], roads: Sequence[Path]) -> dict[str, Scene]:

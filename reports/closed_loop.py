@@ -16,12 +16,13 @@ from models.geometry import FloatArray
 from models.simulation import Settings, closed_loop, simulate
 from models.vehicle import PROFILES
 from placement.assemble import Scene, assemble
-from placement.atomic import Content, prepare_folder, write_files
+from placement.atomic import prepare_folder, write_files
 from placement.instance import Instance, instance_from_dict, load_instance
 from placement.solve import solve
 from placement.validation import Validation, validate
 from reports.consistency import draw_nees
-from reports.style import saved, style
+from reports.study_files import study_files
+from reports.style import style
 
 INSTANCES = ("circuit", "straight-80", "bend-20")
 PLACED_FOR = {"errors.model": "covariance", "objective.kind": "localisation"}
@@ -80,7 +81,7 @@ def run(
     drift = dead_reckoning(tuple(max(20, n // share) for n in DEAD_RECKONING_RUNS), seed)
     rows: list[pd.DataFrame] = []
     predictions: list[dict[str, Any]] = []
-    contents: dict[str, Content] = {"dead_reckoning.csv": _csv(drift)}
+    figures: dict[str, Figure] = {}
     bases = _instances(roads)
     total = len(bases) * len(CASES)
     for n, (setting, case, validation) in enumerate(
@@ -94,12 +95,14 @@ def run(
             with style():
                 figure = Figure(figsize=(8.0, 3.6))
                 draw_nees(figure.subplots(), validation.profile)
-            for kind in ("png", "svg"):
-                contents[f"nees_{name}.{kind}"] = saved(figure, kind)
-    contents["prediction.csv"] = _csv(pd.DataFrame(predictions))
-    contents["consistency.csv"] = _csv(pd.concat(rows, ignore_index=True))
+            figures[f"nees_{name}"] = figure
+    tables = {
+        "dead_reckoning": drift,
+        "prediction": pd.DataFrame(predictions),
+        "consistency": pd.concat(rows, ignore_index=True),
+    }
     progress("closed loop: writing", None)
-    write_files(out_dir, contents)
+    write_files(out_dir, study_files(tables, figures))
 
 
 def dead_reckoning(runs: tuple[int, ...] = DEAD_RECKONING_RUNS, seed: int = 0) -> pd.DataFrame:
@@ -219,8 +222,3 @@ def _consistency(name: str, case: Case, validation: Validation) -> pd.DataFrame:
     table.insert(0, "case", case.name)
     table.insert(0, "instance", name)
     return table
-
-
-def _csv(table: pd.DataFrame) -> str:
-    text: str = table.to_csv(index=False, float_format="%.6g", lineterminator="\n")
-    return text

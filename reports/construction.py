@@ -7,14 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from matplotlib.figure import Figure
 
 from placement.assemble import assemble
-from placement.atomic import Content, prepare_folder, write_files
+from placement.atomic import prepare_folder, write_files
 from placement.construction import Choice, Judged, choose_road, judge
 from placement.instance import Instance, instance_from_dict
 from placement.validation import validate
 from reports.construction_figures import draw_choice, draw_counts
-from reports.style import saved
+from reports.study_files import study_files
 
 CAMERAS = 6
 COUNTS = (2, 3, 4, 6, 8, 10)
@@ -122,7 +123,7 @@ def run(
     names = list(MAPS)[:2] if quick else list(MAPS)
     counts = COUNTS[::2] if quick else COUNTS
     roads, by_count, driven = [], [], []
-    files: dict[str, Content] = {}
+    figures: dict[str, Figure] = {}
     for n, name in enumerate(names):
         progress(f"construction: {name}", n / len(names))
         choice = choose_road(
@@ -134,19 +135,18 @@ def run(
         by_count.append(_counts(name, choice, counts, seed))
         progress(f"construction: driving {name}", (n + 0.7) / len(names))
         driven.append(_driven(name, choice, 20 if quick else RUNS, seed))
-        figure = draw_choice(choice, title=f"{name}: {CAMERAS} cameras, each road its own best")
-        for kind in ("png", "svg"):
-            files[f"construction_{name}.{kind}"] = saved(figure, kind)
+        title = f"{name}: {CAMERAS} cameras, each road its own best"
+        figures[f"construction_{name}"] = draw_choice(choice, title=title)
     counted = pd.concat(by_count, ignore_index=True)
-    figure = draw_counts(counted)
-    for kind in ("png", "svg"):
-        files[f"construction_counts.{kind}"] = saved(figure, kind)
-    files["construction_roads.csv"] = _csv(pd.concat(roads, ignore_index=True))
-    files["construction_counts.csv"] = _csv(counted)
-    files["construction_needed.csv"] = _csv(_needed(counted))
-    files["construction_driven.csv"] = _csv(pd.concat(driven, ignore_index=True))
+    figures["construction_counts"] = draw_counts(counted)
+    tables = {
+        "construction_roads": pd.concat(roads, ignore_index=True),
+        "construction_counts": counted,
+        "construction_needed": _needed(counted),
+        "construction_driven": pd.concat(driven, ignore_index=True),
+    }
     progress("construction: writing", None)
-    write_files(out_dir, files)
+    write_files(out_dir, study_files(tables, figures))
 
 
 def _counts(name: str, choice: Choice, counts: tuple[int, ...], seed: int) -> pd.DataFrame:
@@ -226,8 +226,3 @@ def _driven(name: str, choice: Choice, runs: int, seed: int) -> pd.DataFrame:
             for filter_name, part in summary["filters"].items()
         ]
     )
-
-
-def _csv(table: pd.DataFrame) -> str:
-    text: str = table.to_csv(index=False, float_format="%.6g", lineterminator="\n")
-    return text

@@ -10,9 +10,10 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from placement.atomic import Content, prepare_folder, write_files
+from placement.atomic import prepare_folder, write_files
 from reports import error_figures, error_tables
-from reports.style import saved, style
+from reports.study_files import study_files
+from reports.style import style
 
 SAMPLES = 125_000
 
@@ -30,19 +31,17 @@ def run(
     `quick` draws a tenth of the samples. Raises ValueError where the folder cannot be written.
     """
     prepare_folder(out_dir)
-    contents: dict[str, Content] = {}
-    tables = _tables(quick)
-    for n, (name, (make, draw)) in enumerate(tables.items()):
-        progress(f"error model: {name}", n / len(tables))
-        table = make(np.random.default_rng([seed, n]))
-        contents[f"{name}.csv"] = table.to_csv(index=False, float_format="%.6g")
+    tables: dict[str, pd.DataFrame] = {}
+    figures: dict[str, Figure] = {}
+    makers = _tables(quick)
+    for n, (name, (make, draw)) in enumerate(makers.items()):
+        progress(f"error model: {name}", n / len(makers))
+        tables[name] = make(np.random.default_rng([seed, n]))
         if draw is not None:
             with style():
-                figure = draw(table)
-            for kind in ("png", "svg"):
-                contents[f"{name}.{kind}"] = saved(figure, kind)
+                figures[name] = draw(tables[name])
     progress("error model: writing", None)
-    write_files(out_dir, contents)
+    write_files(out_dir, study_files(tables, figures))
 
 
 Maker = Callable[[np.random.Generator], pd.DataFrame]

@@ -25,7 +25,8 @@ from placement.prediction import predict
 from placement.solve import solve
 from placement.validation import validate
 from reports.solution_map import draw_map
-from reports.style import CYCLE, GREY, saved, style
+from reports.study_files import study_files
+from reports.style import CYCLE, GREY, style
 
 ARM_M = 80.0
 ARMS = ("east", "north", "west", "south")  # anticlockwise
@@ -78,18 +79,12 @@ def run(
                 if k == 4:
                     drawn = Result(scene, solution, predict(scene, solution.selected))
     values, each = pd.DataFrame(rows), pd.concat(ways, ignore_index=True)
-    contents: dict[str, Content] = {
-        "values.csv": values.to_csv(index=False, float_format="%.6g", lineterminator="\n"),
-        "movements.csv": each.to_csv(index=False, float_format="%.6g", lineterminator="\n"),
-    }
     with style():
         figures = {"movements_over_k": _figure(values, each)}
         if drawn is not None:
             figures["crossing"] = Figure(figsize=(6.4, 6.0))
             draw_map(figures["crossing"].subplots(), drawn)
-    for name, figure in figures.items():
-        contents |= {f"{name}.{kind}": saved(figure, kind) for kind in ("png", "svg")}
-    write_files(out_dir, contents)
+    write_files(out_dir, study_files({"values": values, "movements": each}, figures))
 
 
 def crossing_files() -> dict[str, Content]:

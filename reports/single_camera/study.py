@@ -11,13 +11,13 @@ import numpy as np
 import pandas as pd
 
 from models.geometry import FloatArray
-from placement.atomic import Content, prepare_folder, write_files
+from placement.atomic import prepare_folder, write_files
 from reports.single_camera import figures
 from reports.single_camera.kernel import MAXIMISED, OBJECTIVES
 from reports.single_camera.ranking import correlations, drive, judged_poses
 from reports.single_camera.search import Found, Scorer, find
 from reports.single_camera.setting import Setting
-from reports.style import saved
+from reports.study_files import study_files
 
 RADII_M = (5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 25.0, 30.0, 40.0, 60.0, 100.0, 200.0)
 RANKED = (0.0, 0.05, 0.2)  # the dissertation's curvatures
@@ -84,13 +84,7 @@ def run(
         "ranks": pd.DataFrame(ranks),
         "poses": pd.concat(judged, ignore_index=True),
     }
-    contents: dict[str, Content] = {
-        f"{name}.csv": table.to_csv(index=False, float_format="%.6g", lineterminator="\n")
-        for name, table in tables.items()
-    }
-    for name, figure in figures.draw(tables).items():
-        contents |= {f"{name}.{kind}": saved(figure, kind) for kind in ("png", "svg")}
-    write_files(out_dir, contents)
+    write_files(out_dir, study_files(tables, figures.draw(tables)))
 
 
 def side_of(curvature: float) -> str:
