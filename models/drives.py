@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -13,6 +12,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from models.chain import chain_roads
+from models.files.text import read_rows
 from models.geometry import FloatArray, IntArray
 from models.network import Lane, RoadNetwork, Turn, lane_length
 from models.polyline import (
@@ -124,19 +124,7 @@ def read_demand(path: str | Path) -> list[Demand]:
         ValueError: one line that names the file and the line.
     """
     path = Path(path)
-    try:
-        if path.stat().st_size > _MOST_DEMAND_BYTES:
-            raise ValueError(f"{path}: must be at most {_MOST_DEMAND_BYTES // 1_000_000} MB")
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise ValueError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not a text file"
-        raise ValueError(f"{path}: cannot be read: {reason}") from None
-    try:
-        rows = list(csv.reader(text.splitlines(), skipinitialspace=True))
-    except csv.Error as error:
-        raise ValueError(f"{path}: not CSV: {error}") from None
+    rows = read_rows(path, _MOST_DEMAND_BYTES)
     header = [cell.strip().lower() for cell in rows[0]] if rows else []
     for name in _DEMAND_COLUMNS[:2]:
         if name not in header:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,7 +17,7 @@ import pandas as pd
 from placement.atomic import Content, prepare_folder, write_files
 from placement.experiments import read_table
 from placement.information_problem import InformationProblem, read_problem
-from placement.output import to_csv, to_json, versions
+from placement.output import record_of, solution_lines, to_csv, to_json
 from placement.problem import Problem
 from placement.solution import Solution, Status
 from placement.watch import watch
@@ -74,44 +73,16 @@ def solve_bare_into(
         solution = solve(problem, method, time_limit_s=time_limit_s, seed=seed, progress=report)
         files: dict[str, Content] = {
             PROBLEM_FILE: bare.write,
-            "solution.json": to_json(record_of(bare, problem, solution)),
+            "solution.json": to_json(record_of(bare.name, problem, solution, [], bare.sha256())),
         }
         if solution.status.has_placement:
             files["placements.csv"] = to_csv(candidates_table(bare, solution))
         write_files(out, files, remove=[name for name in stale if name not in files])
     if not quiet:
-        for line in _lines(problem, solution, out):
+        chosen = f"{len(solution.selected)} of {problem.constraints.n} candidates"
+        for line in solution_lines(solution, chosen, out, digits=9):
             sys.stdout.write(line + "\n")
     return solution.status
-
-
-def record_of(bare: InformationProblem, problem: Problem, solution: Solution) -> dict[str, Any]:
-    """Return the content of `solution.json`."""
-    constraints = problem.constraints
-    money: dict[str, Any] = {}
-    if constraints.cost is not None:
-        spent = constraints.total_cost(np.array(solution.selected, dtype=np.int64))
-        money = {"cost": spent, "money": constraints.money}
-    return {
-        "instance": bare.name,
-        "objective": solution.objective,
-        "unit": solution.unit,
-        "method": solution.method,
-        "status": str(solution.status),
-        "value": solution.value,
-        "upper_bound" if solution.maximise else "lower_bound": solution.bound,
-        "gap": solution.gap,
-        "seconds": solution.seconds,
-        "budget": constraints.budget,
-        "candidates": constraints.n,
-        **money,
-        "selected": sorted(solution.selected),
-        "cameras": [],
-        "stats": solution.stats,
-        "seed": solution.seed,
-        "versions": versions(),
-        "instance_sha256": bare.sha256(),
-    }
 
 
 def candidates_table(bare: InformationProblem, solution: Solution) -> pd.DataFrame:
@@ -122,21 +93,6 @@ def candidates_table(bare: InformationProblem, solution: Solution) -> pd.DataFra
         if column is not None:
             table[name] = np.asarray(column)[chosen]
     return table
-
-
-def _lines(problem: Problem, solution: Solution, out: Path) -> list[str]:
-    if not solution.status.has_placement:
-        reason = solution.stats.get("reason") or solution.stats.get("error") or "no reason given"
-        return [f"{solution.method}: {solution.status} ({reason}); recorded in {out}"]
-    side = "at most" if solution.maximise else "at least"
-    bound = "no bound" if solution.bound is None else f"{side} {solution.bound:.9g} for any"
-    gap = "" if solution.gap is None else f", gap {100 * solution.gap:.3g} %"
-    return [
-        f"{solution.method}: {solution.status}, {len(solution.selected)} of "
-        f"{problem.constraints.n} candidates, {solution.objective} {solution.value:.9g} "
-        f"{solution.unit} ({bound}{gap}) in {solution.seconds:.1f} s",
-        f"results in {out}",
-    ]
 
 
 def _number(budget: str) -> float:

@@ -155,7 +155,9 @@ def solve_into(
             prediction = predict(scene, solution.selected)
         _write(out, scene, solution, prediction, None, curve)
     if not quiet:
-        _say(_solution_lines(solution, out))
+        from placement.output import solution_lines
+
+        _say(solution_lines(solution, f"{len(solution.selected)} cameras", out))
     return solution.status
 
 
@@ -299,21 +301,6 @@ def _count(budget: str) -> int:
 def _say(lines: list[str]) -> None:
     for line in lines:
         sys.stdout.write(line + "\n")
-
-
-def _solution_lines(solution: Solution, out: Path) -> list[str]:
-    if not solution.status.has_placement:
-        reason = solution.stats.get("reason") or solution.stats.get("error") or "no reason given"
-        return [f"{solution.method}: {solution.status} ({reason}); recorded in {out}"]
-    side = "at most" if solution.maximise else "at least"
-    bound = "no bound" if solution.bound is None else f"{side} {solution.bound:.6g} for any"
-    gap = "" if solution.gap is None else f", gap {100 * solution.gap:.3g} %"
-    return [
-        f"{solution.method}: {solution.status}, {len(solution.selected)} cameras, "
-        f"{solution.objective} {solution.value:.6g} {solution.unit} ({bound}{gap}) "
-        f"in {solution.seconds:.1f} s",
-        f"results in {out}",
-    ]
 
 
 def _validation_lines(validation: Validation, runs: int, seconds: float, folder: Path) -> list[str]:

@@ -88,8 +88,17 @@ def validation_files(validation: Validation) -> dict[str, Content]:
 
 def solution_record(scene: Scene, solution: Solution) -> dict[str, Any]:
     """Return the content of `solution.json`; the bound is named for the side it is on."""
+    cameras = cameras_table(scene, solution).to_dict(orient="records")
+    name, sha256 = scene.instance.name, scene.instance.sha256()
+    return record_of(name, scene.problem, solution, cameras, sha256)
+
+
+def record_of(
+    name: str, problem: Problem, solution: Solution, cameras: list[Any], sha256: str
+) -> dict[str, Any]:
+    """Return what is recorded of a solution, of a road or of a bare information problem."""
     return {
-        "instance": scene.instance.name,
+        "instance": name,
         "objective": solution.objective,
         "unit": solution.unit,
         "method": solution.method,
@@ -98,16 +107,32 @@ def solution_record(scene: Scene, solution: Solution) -> dict[str, Any]:
         "upper_bound" if solution.maximise else "lower_bound": solution.bound,
         "gap": solution.gap,
         "seconds": solution.seconds,
-        "budget": scene.problem.constraints.budget,
-        "candidates": scene.problem.constraints.n,
-        **_money(scene, solution),
+        "budget": problem.constraints.budget,
+        "candidates": problem.constraints.n,
+        **_money(problem, solution),
         "selected": sorted(solution.selected),
-        "cameras": cameras_table(scene, solution).to_dict(orient="records"),
+        "cameras": cameras,
         "stats": solution.stats,
         "seed": solution.seed,
         "versions": versions(),
-        "instance_sha256": scene.instance.sha256(),
+        "instance_sha256": sha256,
     }
+
+
+def solution_lines(solution: Solution, chosen: str, out: Path, digits: int = 6) -> list[str]:
+    """Say what was found: `chosen` says how many of what, numbers have so many digits."""
+    if not solution.status.has_placement:
+        reason = solution.stats.get("reason") or solution.stats.get("error") or "no reason given"
+        return [f"{solution.method}: {solution.status} ({reason}); recorded in {out}"]
+    side = "at most" if solution.maximise else "at least"
+    bound = f"{side} {solution.bound:.{digits}g} for any" if solution.bound is not None else ""
+    gap = "" if solution.gap is None else f", gap {100 * solution.gap:.3g} %"
+    return [
+        f"{solution.method}: {solution.status}, {chosen}, {solution.objective} "
+        f"{solution.value:.{digits}g} {solution.unit} ({bound or 'no bound'}{gap}) "
+        f"in {solution.seconds:.1f} s",
+        f"results in {out}",
+    ]
 
 
 def cameras_table(scene: Scene, solution: Solution) -> pd.DataFrame:
@@ -141,9 +166,9 @@ def cameras_table(scene: Scene, solution: Solution) -> pd.DataFrame:
     return table
 
 
-def _money(scene: Scene, solution: Solution) -> dict[str, Any]:
+def _money(problem: Problem, solution: Solution) -> dict[str, Any]:
     """Return what the cameras cost and what there was, where anything has a price."""
-    constraints = scene.problem.constraints
+    constraints = problem.constraints
     if constraints.cost is None:
         return {}
     spent = constraints.total_cost(np.array(solution.selected, dtype=np.int64))

@@ -328,14 +328,7 @@ def _bound(
         constraints.cost,
         constraints.purse,
     )
-    bound = score_bound(scene, candidates, knapsack, selected)
-    if scene.others and bound is not None:  # a sum of bounds, one a drive, bounds the sum
-        parts = [score_bound(drive, candidates, knapsack, selected) for drive in scene.drives()]
-        bound = math.fsum(
-            drive.weight * part
-            for drive, part in zip(scene.drives(), parts, strict=True)
-            if part is not None
-        )
+    bound = _weighted_bound(scene, candidates, knapsack, selected)
     if bound is None:
         why = "its cameras' persistent errors couple all their frames"
         return [f"{side} {recorded:.6g} ({why})"], found
@@ -351,6 +344,19 @@ def _bound(
     if sign * recorded >= bound - slack:
         return [], found
     return [f"{side} {recorded:.6g}, tighter than the {derived:.6g} derived here"], found
+
+
+def _weighted_bound(
+    scene: Scene, candidates: Candidates, knapsack: Knapsack, selected: list[int]
+) -> float | None:
+    """Sum the bounds of the drives: a bound on the sum; None where one has none."""
+    total = 0.0
+    for drive in scene.drives():
+        part = score_bound(drive, candidates, knapsack, selected)
+        if part is None:
+            return None
+        total += drive.weight * part
+    return total
 
 
 def _placements(folder: Path) -> list[dict[str, Any]]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import dataclass
 from pathlib import Path
+
+from models.files.text import read_rows
 
 COLUMNS = ("name", "width_px", "height_px", "hfov_deg", "vfov_deg", "price")
 MOST_BYTES = 1_000_000
@@ -35,19 +36,7 @@ def read_catalogue(path: str | Path) -> tuple[CameraType, ...]:
     (0, 360], a price that is negative or no finite number, an empty or repeated name, no type.
     """
     path = Path(path)
-    try:
-        if path.stat().st_size > MOST_BYTES:
-            raise ValueError(f"{path}: must be at most {MOST_BYTES // 1_000_000} MB")
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise ValueError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not a text file"
-        raise ValueError(f"{path}: cannot be read: {reason}") from None
-    try:
-        rows = list(csv.reader(text.splitlines(), skipinitialspace=True))
-    except csv.Error as error:
-        raise ValueError(f"{path}: not CSV: {error}") from None
+    rows = read_rows(path, MOST_BYTES)
     header = [cell.strip() for cell in rows[0]] if rows else []
     missing = [name for name in COLUMNS if name not in header]
     if missing:

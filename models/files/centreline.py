@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from models.files.text import read_text
 from models.geometry import FloatArray
 from models.roads import MIN_STEP_M, Road, road_from_points
 
@@ -74,13 +75,7 @@ def _looks_closed(points: FloatArray, steps: FloatArray) -> bool:
 
 def _read_table(path: Path) -> tuple[FloatArray, list[int]]:
     """Return the values, columns in the order of COLUMNS, and each row's line number."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise ValueError(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not a text file"
-        raise ValueError(f"{path}: cannot be read: {reason}") from None
+    text = read_text(path)
     order: tuple[str, ...] | None = None
     rows: list[list[float]] = []
     lines: list[int] = []

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
 from models.files.osm_tags import building_height_m, street_of
 from models.files.streets import Street, network_of_streets
+from models.files.text import parse_json, read_bytes
 from models.geometry import FloatArray, Pose
 from models.georeference import LONGITUDE_LATITUDE, Georeference, project_to_metres
 from models.network import RoadNetwork
@@ -311,24 +311,7 @@ def _centreline(street: Street) -> Road:
 
 
 def _parse(path: Path) -> Any:
-    def refuse(word: str) -> NoReturn:
-        raise ValueError(f"{word} is no number of JSON")
-
-    try:
-        with path.open("rb") as file:
-            content = file.read(MOST_BYTES + 1)
-    except FileNotFoundError:
-        raise ValueError(f"{path}: no such file") from None
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror or error}") from None
-    if len(content) > MOST_BYTES:
-        raise ValueError(f"{path}: must be at most {MOST_BYTES >> 30} GB of GeoJSON")
+    content = read_bytes(path, MOST_BYTES, f"{MOST_BYTES >> 30} GB of GeoJSON")
     if not content.strip():
         raise ValueError(f"{path}: must be GeoJSON, the file is empty")
-    try:
-        return json.loads(content.decode("utf-8-sig"), parse_constant=refuse)
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: must be UTF-8 text, got byte {error.start}") from None
-    except (ValueError, RecursionError) as error:
-        reason = "nested too deeply" if isinstance(error, RecursionError) else str(error)
-        raise ValueError(f"{path}: not JSON: {reason}") from None
+    return parse_json(path, content)

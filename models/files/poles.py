@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
+from models.files.text import parse_json, read_bytes
 from models.geometry import FloatArray
 from models.georeference import LONGITUDE_LATITUDE, Georeference, parse_crs
 
@@ -52,7 +52,8 @@ def read_poles(path: str | Path, georeference: Georeference | None = None) -> Po
     costs that are no finite numbers or out of range, two poles in one place.
     """
     path = Path(path)
-    collection = _parse(path, _read(path))
+    content = read_bytes(path, MOST_BYTES, f"{MOST_BYTES // 1_000_000} MB of GeoJSON")
+    collection = parse_json(path, content)
     if not isinstance(collection, dict) or collection.get("type") != "FeatureCollection":
         raise ValueError(f"{path}: must be a GeoJSON FeatureCollection of points")
     features = collection.get("features")
@@ -108,33 +109,6 @@ def _column(numbers: FloatArray, k: int) -> FloatArray:
     column = np.ascontiguousarray(numbers[:, k])
     column.flags.writeable = False
     return column
-
-
-def _read(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            content = file.read(MOST_BYTES + 1)
-    except FileNotFoundError:
-        raise ValueError(f"{path}: no such file") from None
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read: {error.strerror or error}") from None
-    if len(content) > MOST_BYTES:
-        raise ValueError(f"{path}: must be at most {MOST_BYTES // 1_000_000} MB of GeoJSON")
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: must be UTF-8 text, got byte {error.start}") from None
-
-
-def _parse(path: Path, text: str) -> Any:
-    def refuse(word: str) -> NoReturn:
-        raise ValueError(f"{word} is no number of JSON")
-
-    try:
-        return json.loads(text, parse_constant=refuse)
-    except (ValueError, RecursionError) as error:
-        reason = "nested too deeply" if isinstance(error, RecursionError) else str(error)
-        raise ValueError(f"{path}: not JSON: {reason}") from None
 
 
 def _pole(feature: Any, where: str) -> tuple[float, float, float, float, str]:
