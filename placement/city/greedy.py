@@ -14,6 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from models.geometry import BoolArray, FloatArray, IntArray
+from placement.objectives.block_kernels import block_of, log_det_ratio
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -30,21 +31,9 @@ def gain_of(
     total = 0.0
     for e in range(indptr[i], indptr[i + 1]):
         t = indices[e]
-        ja, jc, jb = block_of(blocks, e, scale)
-        a, c, b = scale * sums[t, 0], scale * sums[t, 1], scale * sums[t, 2]
-        det = 1.0 + a + b + max(a * b - c * c, 0.0)
-        rise = ja * (1.0 + b) + jb * (1.0 + a) - 2.0 * jc * c + max(ja * jb - jc * jc, 0.0)
-        total += weights[t] * np.log1p(max(rise, 0.0) / det)
+        a, c, b = block_of(blocks, e)
+        total += weights[t] * log_det_ratio(sums[t, 0], sums[t, 1], sums[t, 2], a, c, b, scale)
     return total
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def block_of(blocks: NDArray[np.float32], e: int, scale: float) -> tuple[float, float, float]:
-    """Return entry e times `scale` as (J_tt, J_tn, J_nn), whether stored as one number or three."""
-    a = scale * np.float64(blocks[e, 0])
-    if blocks.shape[1] == 1:
-        return a, 0.0, a
-    return a, scale * np.float64(blocks[e, 1]), scale * np.float64(blocks[e, 2])
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -59,7 +48,7 @@ def add_row(
     """Add (sign 1) candidate i's blocks to `sums` (t, 3), or take them away (−1)."""
     for e in range(indptr[i], indptr[i + 1]):
         t = indices[e]
-        a, c, b = block_of(blocks, e, 1.0)
+        a, c, b = block_of(blocks, e)
         sums[t, 0] += sign * a
         sums[t, 1] += sign * c
         sums[t, 2] += sign * b

@@ -32,7 +32,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from models.geometry import FloatArray, IntArray
-from placement.city.greedy import block_of
+from placement.objectives.block_kernels import block_of, log_det_ratio
 
 LEVELS = 4  # sets R_l a sample at most, the empty one included
 
@@ -143,10 +143,10 @@ def _stack(
             n = sets[t]
             if n == LEVELS - 1:
                 continue
-            a, c, b = block_of(blocks, e, scale)
-            sums[t, n + 1, 0] = a + sums[t, n, 0]
-            sums[t, n + 1, 1] = c + sums[t, n, 1]
-            sums[t, n + 1, 2] = b + sums[t, n, 2]
+            a, c, b = block_of(blocks, e)
+            sums[t, n + 1, 0] = scale * a + sums[t, n, 0]
+            sums[t, n + 1, 1] = scale * c + sums[t, n, 1]
+            sums[t, n + 1, 2] = scale * b + sums[t, n, 2]
             who[t, n] = i
             a, c, b = sums[t, n + 1, 0], sums[t, n + 1, 1], sums[t, n + 1, 2]
             value[t, n + 1] = weights[t] * np.log1p(a + b + max(a * b - c * c, 0.0))
@@ -169,15 +169,14 @@ def _entry_gains(
     for i in range(len(indptr) - 1):
         for e in range(indptr[i], indptr[i + 1]):
             t = indices[e]
-            ja, jc, jb = block_of(blocks, e, scale)
+            ja, jc, jb = block_of(blocks, e)
+            ja, jc, jb = scale * ja, scale * jc, scale * jb
             for level in range(sets[t] + 1):
                 if level > 0 and who[t, level - 1] == i:
                     break
                 a, c, b = sums[t, level, 0], sums[t, level, 1], sums[t, level, 2]
-                det = 1.0 + a + b + max(a * b - c * c, 0.0)
-                rise = ja * (1.0 + b) + jb * (1.0 + a) - 2.0 * jc * c
-                rise += max(ja * jb - jc * jc, 0.0)
-                gains[e, level] = weights[t] * np.log1p(max(rise, 0.0) / det)
+                # the sums are scaled already
+                gains[e, level] = weights[t] * log_det_ratio(a, c, b, ja, jc, jb, 1.0)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

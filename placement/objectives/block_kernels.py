@@ -16,7 +16,7 @@ from models.geometry import BoolArray, FloatArray, IntArray
 
 
 @numba.njit(cache=True, inline="always")
-def _block(blocks: NDArray[np.float32], e: int) -> tuple[float, float, float]:
+def block_of(blocks: NDArray[np.float32], e: int) -> tuple[float, float, float]:
     """Return entry e as (J_tt, J_tn, J_nn) in float64, whether stored as one number or three."""
     a = np.float64(blocks[e, 0])
     if blocks.shape[1] == 1:
@@ -25,7 +25,7 @@ def _block(blocks: NDArray[np.float32], e: int) -> tuple[float, float, float]:
 
 
 @numba.njit(cache=True, inline="always")
-def _log_det_ratio(
+def log_det_ratio(
     a: float, c: float, b: float, j_a: float, j_c: float, j_b: float, scale: float
 ) -> float:
     """Return log det(I + s(A + J)) − log det(I + sA), exact to rounding for small J, too."""
@@ -53,8 +53,8 @@ def candidate_gains(
         total = 0.0
         for e in range(indptr[i], indptr[i + 1]):
             t = indices[e]
-            j_a, j_c, j_b = _block(blocks, e)
-            total += weights[t] * _log_det_ratio(
+            j_a, j_c, j_b = block_of(blocks, e)
+            total += weights[t] * log_det_ratio(
                 sums[t, 0], sums[t, 1], sums[t, 2], j_a, j_c, j_b, scale
             )
         gains[i] = total
@@ -72,8 +72,8 @@ def entry_gains(
     """Write each entry's gain, as `candidate_gains` before summing."""
     for e in range(len(indices)):
         t = indices[e]
-        j_a, j_c, j_b = _block(blocks, e)
-        out[e] = weights[t] * _log_det_ratio(
+        j_a, j_c, j_b = block_of(blocks, e)
+        out[e] = weights[t] * log_det_ratio(
             sums[t, 0], sums[t, 1], sums[t, 2], j_a, j_c, j_b, scale
         )
 
@@ -92,7 +92,7 @@ def entry_slopes(
         t = indices[e]
         a, c, b = scale * sums[t, 0], scale * sums[t, 1], scale * sums[t, 2]
         det = a + b + max(a * b - c * c, 0.0) + 1.0
-        j_a, j_c, j_b = _block(blocks, e)
+        j_a, j_c, j_b = block_of(blocks, e)
         rise = j_a * (1.0 + b) + j_b * (1.0 + a) - 2.0 * j_c * c
         out[e] = weights[t] * scale * rise / det
 
@@ -121,7 +121,7 @@ def weighted_sums(
             continue
         for e in range(indptr[i], indptr[i + 1]):
             t = indices[e]
-            a, c, b = _block(blocks, e)
+            a, c, b = block_of(blocks, e)
             sums[t, 0] += x[i] * a
             sums[t, 1] += x[i] * c
             sums[t, 2] += x[i] * b
@@ -142,7 +142,7 @@ def add_rows(
         for e in range(indptr[i], indptr[i + 1]):
             t = indices[e]
             if touched[t]:
-                a, c, b = _block(blocks, e)
+                a, c, b = block_of(blocks, e)
                 sums[t, 0] += a
                 sums[t, 1] += c
                 sums[t, 2] += b
