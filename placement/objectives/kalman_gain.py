@@ -24,7 +24,7 @@ from models.cameras import Cameras, X, Y, pixel_area
 from models.geometry import FloatArray, IntArray
 from models.roads import RoadPoints
 from placement.information import Information
-from placement.objectives.navigation import distinct
+from placement.objectives.selection import Selection, distinct
 
 RADIUS_SCALE_M = 3.0
 
@@ -80,18 +80,13 @@ class KalmanGain:
         return KalmanGainState(self, [] if selected is None else [int(i) for i in selected])
 
 
-class KalmanGainState:
+class KalmanGainState(Selection):
     """A placement under construction."""
 
     def __init__(self, objective: KalmanGain, selected: list[int]) -> None:
         """Start from `selected`."""
+        super().__init__(objective.n_candidates, selected)
         self._objective = objective
-        self._selected = selected
-
-    @property
-    def selected(self) -> list[int]:
-        """The candidates chosen so far, in the order they were added."""
-        return list(self._selected)
 
     @property
     def score(self) -> float:
@@ -104,19 +99,6 @@ class KalmanGainState:
         rows = np.arange(scores.size) if candidates is None else np.asarray(candidates)
         gains: FloatArray = np.where(np.isin(rows, self._selected), 0.0, scores[rows])
         return gains
-
-    def add(self, candidate: int) -> None:
-        """Add one candidate."""
-        if candidate in self._selected:
-            raise ValueError(f"candidate {candidate} is already selected")
-        distinct([candidate], self._objective.n_candidates)
-        self._selected.append(int(candidate))
-
-    def remove(self, candidate: int) -> None:
-        """Remove one candidate."""
-        if candidate not in self._selected:
-            raise ValueError(f"candidate {candidate} is not selected")
-        self._selected.remove(candidate)
 
 
 @njit(cache=True)

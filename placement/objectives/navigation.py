@@ -6,7 +6,7 @@ prepares the messages that make gains cheap, and extends its score to fractional
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from models.geometry import FloatArray, IntArray
 from placement.objectives.navigation_chain import Drive, checked_drives
+from placement.objectives.selection import Selection, distinct
 from placement.objectives.windows.filter import add_rows
 
 
@@ -98,22 +99,16 @@ class NavigationObjective:
         return score, gradient
 
 
-class NavigationState:
+class NavigationState(Selection):
     """A placement under construction; messages are renewed when something asks for them."""
 
     def __init__(
         self, parts: list[tuple[float, DrivePart]], n_candidates: int, selected: list[int]
     ) -> None:
         """Start from `selected`."""
+        super().__init__(n_candidates, selected)
         self._parts = parts
-        self._n_candidates = n_candidates
-        self._selected = selected
         self._messages: list[tuple[float, Messages]] | None = None
-
-    @property
-    def selected(self) -> list[int]:
-        """The candidates chosen so far, in the order they were added."""
-        return list(self._selected)
 
     @property
     def score(self) -> float:
@@ -133,19 +128,7 @@ class NavigationState:
         out[np.isin(rows, self._selected)] = 0.0
         return out
 
-    def add(self, candidate: int) -> None:
-        """Add one candidate."""
-        if candidate in self._selected:
-            raise ValueError(f"candidate {candidate} is already selected")
-        distinct([candidate], self._n_candidates)
-        self._selected.append(int(candidate))
-        self._messages = None
-
-    def remove(self, candidate: int) -> None:
-        """Remove one candidate."""
-        if candidate not in self._selected:
-            raise ValueError(f"candidate {candidate} is not selected")
-        self._selected.remove(candidate)
+    def _changed(self) -> None:
         self._messages = None
 
     def _renewed(self) -> list[tuple[float, Messages]]:
@@ -178,15 +161,3 @@ class WhiteDrive:
         weights = np.ones(rows.size) if weights is None else weights
         add_rows(self.indptr, self.indices, self.blocks, self.frames, weights, rows, total)
         return total
-
-
-def distinct(selected: Iterable[int] | IntArray, n_candidates: int) -> IntArray:
-    """Return `selected` sorted, refusing repeats and indices outside 0…c − 1."""
-    chosen = np.array(sorted(int(i) for i in selected), dtype=np.int64)
-    if chosen.size and (chosen[0] < 0 or chosen[-1] >= n_candidates):
-        bad = chosen[0] if chosen[0] < 0 else chosen[-1]
-        raise ValueError(f"selected must hold candidates 0…{n_candidates - 1}, got {bad}")
-    repeated = chosen[1:][chosen[1:] == chosen[:-1]]
-    if repeated.size:
-        raise ValueError(f"selected must hold each candidate once, got {repeated[0]} twice")
-    return chosen

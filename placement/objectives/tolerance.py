@@ -20,9 +20,10 @@ from typing import Protocol
 import numpy as np
 
 from models.geometry import FloatArray, IntArray
-from placement.objectives.navigation import WhiteDrive, distinct
+from placement.objectives.navigation import WhiteDrive
 from placement.objectives.navigation_chain import Drive, checked_drives
 from placement.objectives.navigation_offsets import Forward, OffsetDrive
+from placement.objectives.selection import Selection, distinct
 from placement.objectives.windows.filter import empty_messages, filter_forward
 from placement.objectives.windows.offset_violation import offset_reach_with
 from placement.objectives.windows.violation import excess_with, reach_with, violations
@@ -226,19 +227,14 @@ class OffsetTolerance:
         return with_fraction(first, car[:, 3], self.limit), out
 
 
-class ToleranceState:
+class ToleranceState(Selection):
     """A placement under construction."""
 
     def __init__(self, objective: Tolerance, selected: list[int]) -> None:
         """Start from `selected`."""
+        super().__init__(objective.n_candidates, selected)
         self._objective = objective
-        self._selected = selected
         self._excess: float | None = None
-
-    @property
-    def selected(self) -> list[int]:
-        """The candidates chosen so far, in the order they were added."""
-        return list(self._selected)
 
     @property
     def score(self) -> float:
@@ -257,19 +253,7 @@ class ToleranceState:
         gains[np.isin(rows, self._selected)] = 0.0
         return gains
 
-    def add(self, candidate: int) -> None:
-        """Add one candidate."""
-        if candidate in self._selected:
-            raise ValueError(f"candidate {candidate} is already selected")
-        distinct([candidate], self._objective.n_candidates)
-        self._selected.append(int(candidate))
-        self._excess = None
-
-    def remove(self, candidate: int) -> None:
-        """Remove one candidate."""
-        if candidate not in self._selected:
-            raise ValueError(f"candidate {candidate} is not selected")
-        self._selected.remove(candidate)
+    def _changed(self) -> None:
         self._excess = None
 
     def _known_excess(self) -> float:
