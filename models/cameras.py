@@ -18,15 +18,13 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numba import njit
 
+from models.camera_checks import BORDER, angle_limits, check_cameras
 from models.geometry import BoolArray, FloatArray, IntArray, frozen
 from models.projections import (
-    EQUIDISTANT,
     PINHOLE,
     STEREOGRAPHIC,
     Projection,
-    angle_limit,
     image_from_ray,
-    image_radius,
     lens_frame,
     lens_radius,
     ray_from_image,
@@ -42,15 +40,6 @@ KIND, K1, K2, K3, K4, ANGLE_LIMIT = 16, 17, 18, 19, 20, 21
 HALF_U, HALF_V = 22, 23
 COS_YAW, SIN_YAW = 24, 25
 N_COLUMNS = 26
-
-BORDER = 1.0 + 1e-9
-"""Image borders belong to the image, to this relative tolerance.
-
-Exact ties are common on straight roads and must not flip when a scene is rotated or shifted.
-"""
-
-MAX_HEIGHT_M = 100.0
-MAX_SIZE_PX = 100_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +75,7 @@ class Cameras:
             if array.shape != shape:
                 raise ValueError(f"camera.{field.name} must have shape {shape}, got {array.shape}")
             object.__setattr__(self, field.name, frozen(array))
-        _check(self)
+        check_cameras(self)
 
     def __len__(self) -> int:
         """Return the number of cameras, c."""
@@ -131,7 +120,7 @@ class Cameras:
         rows[:, HALF_U : HALF_V + 1] = self.half_sizes()
         rows[:, FOCAL_U] = 0.5 * rows[:, WIDTH] / rows[:, HALF_U]
         rows[:, FOCAL_V] = 0.5 * rows[:, HEIGHT_PX] / rows[:, HALF_V]
-        limits = _angle_limits(self.projection, self.distortion)
+        limits = angle_limits(self.projection, self.distortion)
         rows[:, ANGLE_LIMIT] = limits
         rows[:, COS_YAW], rows[:, SIN_YAW] = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
         return rows
@@ -364,85 +353,3 @@ def _ground_from_pixels(
             table[camera[n]], pixels[n, 0], pixels[n, 1]
         )
     return xy, hits
-
-
-def _angle_limits(projection: IntArray, distortion: FloatArray) -> FloatArray:
-    limits = np.where(projection == PINHOLE, 0.5 * math.pi, math.pi)
-    distorted = np.flatnonzero(distortion.any(axis=1))
-    if distorted.size:  # rare, and sorting the rows costs more than all the rest of a table
-        keys = np.column_stack([projection, distortion])[distorted]
-        unique, index = np.unique(keys, axis=0, return_inverse=True)
-        each = np.array([angle_limit(Projection(int(row[0])), row[1:]) for row in unique])
-        limits[distorted] = each[index.reshape(-1)]
-    return limits
-
-
-def _check(cameras: Cameras) -> None:
-    for field in fields(cameras):
-        array = getattr(cameras, field.name)
-        bad = ~np.isfinite(array).all(axis=tuple(range(1, array.ndim)))
-        if bad.any():
-            i = int(np.argmax(bad))
-            raise ValueError(f"camera.{field.name}[{i}] must be finite, got {array[i]}")
-    degrees, turn = 180.0 / math.pi, 360.0
-    kinds = [int(kind) for kind in Projection]
-    _require(cameras.projection, np.isin(cameras.projection, kinds), "projection", f"be in {kinds}")
-    h = cameras.height_m
-    _require(h, (h > 0.0) & (h <= MAX_HEIGHT_M), "height_m", f"lie in (0, {MAX_HEIGHT_M:g}]")
-    pitch = cameras.pitch_rad * degrees
-    _require(pitch, (pitch > 0.0) & (pitch <= 90.0 * BORDER), "pitch_deg", "lie in (0, 90]")
-    for name, size in (("width_px", cameras.width_px), ("height_px", cameras.height_px)):
-        _require(size, (size >= 1) & (size <= MAX_SIZE_PX), name, f"lie in [1, {MAX_SIZE_PX}]")
-    for name, fov in (("hfov_deg", cameras.hfov_rad), ("vfov_deg", cameras.vfov_rad)):
-        for kind, word, end, closed in (
-            (PINHOLE, "pinhole", 0.5 * turn, False),
-            (STEREOGRAPHIC, "stereographic", turn, False),
-            (EQUIDISTANT, "equidistant", turn, True),
-        ):
-            angle = fov * degrees
-            below = angle <= end * BORDER if closed else angle < end
-            fine = (cameras.projection != kind) | ((angle > 0.0) & below)
-            bracket = "]" if closed else ")"
-            _require(angle, fine, name, f"lie in (0, {end:g}{bracket} for a {word} lens")
-    _check_folds(cameras)
-    widest = np.maximum(cameras.hfov_rad, cameras.vfov_rad) * degrees
-    wide = (cameras.projection == PINHOLE) & (widest > 90.0 * BORDER)
-    if wide.any():
-        i = int(np.argmax(wide))
-        warnings.warn(
-            f"camera {i}: a pinhole {widest[i]:.4g} degrees wide stretches its corners; "
-            "stereographic or equidistant lenses are what is built beyond 90",
-            UserWarning,
-            stacklevel=4,
-        )
-
-
-def _require(values: FloatArray | IntArray, fine: BoolArray, name: str, wanted: str) -> None:
-    if not fine.all():
-        i = int(np.argmin(fine))
-        raise ValueError(f"camera.{name}[{i}] must {wanted}, got {values[i]:.6g}")
-
-
-def _check_folds(cameras: Cameras) -> None:
-    """Refuse distortions that map two rays of the field of view to one pixel, or none."""
-    distorted = np.flatnonzero(cameras.distortion.any(axis=1))
-    if distorted.size == 0:
-        return
-    limits = _angle_limits(cameras.projection, cameras.distortion)
-    for i in distorted:
-        lens, k = Projection(int(cameras.projection[i])), cameras.distortion[i]
-        half = 0.5 * max(float(cameras.hfov_rad[i]), float(cameras.vfov_rad[i]))
-        limit = float(limits[i])
-        whole = limit >= math.pi  # one to one all around: what lies beyond sees nothing, unfolded
-        if half < limit and not whole:
-            corner = math.hypot(
-                image_radius(lens, 0.5 * float(cameras.hfov_rad[i]), k),
-                image_radius(lens, 0.5 * float(cameras.vfov_rad[i]), k),
-            )
-            # Just inside the limit: at the limit itself a pinhole's radius is infinite.
-            whole = corner < image_radius(lens, limit * (1.0 - 1e-12), k)
-        if not whole:
-            raise ValueError(
-                f"camera.distortion[{i}] must not fold the image inside the field of view, got "
-                f"{[float(x) for x in k]}, one to one up to {math.degrees(limit):.4g} degrees only"
-            )

@@ -10,7 +10,7 @@ from models.construction.site import Site, make_site
 from models.geometry import Pose
 from models.roads import Piece, Road, road_from_pieces
 from placement.instance import Instance
-from placement.instance.schema import ConstructSection
+from placement.instance.road_schema import ConstructSection
 from placement.obstacles import build_obstacles
 
 NAME = "road.construct"

@@ -7,11 +7,10 @@ path, and where it is cheap a bound. What is left on trust is said.
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +23,11 @@ from placement.constraints import Constraints
 from placement.output import Stored, read_folder
 from placement.referee.bounds import Knapsack, score_bound
 from placement.referee.checks import Check, is_number, near, none_of, same
+from placement.referee.claims import VALUE_TOLERANCE, certificate_checks, curve_checks
 from placement.referee.construction import construct_checks
 from placement.referee.rules import camera_checks, form_check, rule_checks
 from placement.referee.sight import Eye, Sight
+from placement.referee.tables import maybe, number, read_csv, whole
 from placement.referee.tolerance import tolerance_value
 from placement.referee.values import (
     MAXIMISED,
@@ -41,11 +42,7 @@ from placement.referee.values import (
     whole_value,
 )
 from placement.roadway import STREETS
-from placement.solution import OPTIMAL_GAP, Status
 
-# Stored information is float32 (6e-8 relative an entry), and the referee's derivatives are
-# differences: values agree to 1e-8; whatever somebody changed shows in more than a millionth.
-VALUE_TOLERANCE = 1e-6
 PATH_TOLERANCE = 1e-5
 # Bounds that are taken on trust, and why.
 NOT_DERIVED = {
@@ -142,93 +139,6 @@ def verify_folder(
     return Verification(checks, trusted, bound)
 
 
-def certificate_checks(record: Mapping[str, Any], value: float, maximise: bool) -> list[Check]:
-    """Check bound, gap and status against each other and against the value derived here."""
-    side = "upper_bound" if maximise else "lower_bound"
-    bound, gap, status = record.get(side), record.get("gap"), record.get("status")
-    stated = record.get("value")
-    checks = [
-        Check("bound.side", side in record and _other(side) not in record, side, _sides(record)),
-        Check("status.word", status in set(map(str, Status)), [str(s) for s in Status], status),
-    ]
-    if bound is None:
-        checks.append(same("gap", None, gap))
-        checks.append(Check("status", status != "optimal", "not optimal without a bound", status))
-        return checks
-    slack = VALUE_TOLERANCE * abs(value)
-    sign = 1.0 if maximise else -1.0
-    holds = is_number(bound) and sign * bound >= sign * value - slack
-    checks.append(
-        Check("bound.holds", holds, f"at {'least' if maximise else 'most'} {value!r}", bound, slack)
-    )
-    if not (is_number(bound) and is_number(stated)):
-        return [*checks, none_of("gap", ["bound and value must both be numbers"])]
-    distance = abs(bound - stated)
-    share = 0.0 if distance == 0.0 else distance / abs(stated) if stated else None
-    if share is None:
-        checks.append(same("gap", None, gap))
-    else:
-        checks.append(near("gap", share, gap, 1e-9 * share + 1e-15))
-    proven = distance <= OPTIMAL_GAP * abs(stated) * (1.0 + 1e-9)
-    right = (status == "optimal") == proven
-    wanted = "optimal" if proven else "not optimal: the gap is open"
-    checks.append(Check("status", right, wanted, status))
-    return checks
-
-
-def curve_checks(
-    path: Path, scene: Scene, candidates: Candidates, constraints: Constraints
-) -> list[Check]:
-    """Check every row of `budget_curve.csv`: its placement, value, bound, gap and status."""
-    maximise = scene.instance.objective.kind in MAXIMISED
-    sign = 1.0 if maximise else -1.0
-    faults: list[str] = []
-    last = {"value": -math.inf, "bound": -math.inf}
-    for n, row in enumerate(_read_csv(path)):
-        k, words = _int(row.get("k") or ""), (row.get("selected") or "").split()
-        chosen = [_int(word) for word in words]
-        if not isinstance(k, int) or not all(
-            isinstance(i, int) and 0 <= i < len(candidates) for i in chosen
-        ):
-            faults.append(f"row {n}: k and selected must be whole numbers")
-            continue
-        indices = [i for i in chosen if isinstance(i, int)]
-        allowed = replace(constraints, budget=k)
-        rules = rule_checks(scene.instance, candidates, allowed, indices)
-        faults += [f"row {n}: {check.name}: {check.got}" for check in rules if not check.passed]
-        value = whole_value(scene, eyes_of(candidates, indices))
-        record: dict[str, Any] = {key: _finite(row.get(key)) for key in ("value", "bound", "gap")}
-        record["upper_bound" if maximise else "lower_bound"] = record["bound"]
-        stated = near("value", value, record["value"], VALUE_TOLERANCE * abs(value))
-        record["status"] = row.get("status")
-        # The table holds ten digits, so its gaps are rounded: only large ones can be divided out.
-        if (record["gap"] or 0.0) < 1e-6:
-            record["gap"] = None
-        found = [stated, *certificate_checks(record, value, maximise)]
-        wrong = [c.name for c in found if not c.passed and (c.name != "gap" or record["gap"])]
-        faults += [f"row {n}: {name}" for name in wrong if name != "gap"]
-        if "gap" in wrong and not _gap_is_near(record):
-            faults.append(f"row {n}: gap")
-        for key in ("value", "bound"):
-            now = record[key]
-            if now is not None and sign * now < last[key] - 1e-9 * abs(now):
-                faults.append(f"row {n}: {key} is worse than with fewer cameras")
-            last[key] = sign * now if now is not None else last[key]
-    return [none_of("budget_curve.csv", faults)]
-
-
-def _gap_is_near(record: Mapping[str, Any]) -> bool:
-    value, bound, gap = record["value"], record["bound"], record["gap"]
-    if value is None or bound is None or not value:
-        return False
-    return bool(abs(abs(bound - value) / abs(value) - gap) <= 1e-8)
-
-
-def _finite(text: str | None) -> float | None:
-    number = _number(text)
-    return number if math.isfinite(number) else None
-
-
 def _headings(stored: Stored, candidates: Candidates, constraints: Constraints) -> list[Check]:
     kind, record = stored.instance.objective.kind, stored.record
     seconds, seed = record.get("seconds"), record.get("seed")
@@ -262,7 +172,7 @@ def _money(stored: Stored, constraints: Constraints) -> list[Check]:
 
 def _path_checks(folder: Path, scene: Scene, eyes: Sequence[Eye]) -> list[Check]:
     """Check every column of `along_path.csv` against the drives filtered here."""
-    table = _read_csv(folder / "along_path.csv")
+    table = read_csv(folder / "along_path.csv")
     lengths = [len(drive.xy) for drive in scene.drives()]
     checks = [same("along_path.csv.rows", sum(lengths), len(table))]
     if len(table) != sum(lengths):
@@ -294,7 +204,7 @@ def _drive_checks(
     }
     for name, (expected, absolute) in columns.items():
         relative = 0.0 if name == "cameras_seeing" else PATH_TOLERANCE
-        got = np.array([_number(row.get(name)) for row in table])
+        got = np.array([number(row.get(name)) for row in table])
         off = ~(np.abs(got - expected) <= absolute + relative * np.abs(expected))
         faults = [f"row {n} is {got[n]:.9g}, wanted {expected[n]:.9g}" for n in np.flatnonzero(off)]
         checks.append(none_of(f"along_path.csv.{name}", faults))
@@ -360,54 +270,14 @@ def _weighted_bound(
 
 
 def _placements(folder: Path) -> list[dict[str, Any]]:
-    rows = _read_csv(folder / "placements.csv")
+    rows = read_csv(folder / "placements.csv")
     return [
         {
-            key: _int(text) if key == "mount" else text if key == "type" else _maybe(text)
+            key: whole(text) if key == "mount" else text if key == "type" else maybe(text)
             for key, text in row.items()
         }
         for row in rows
     ]
-
-
-def _read_csv(path: Path) -> list[dict[str, str]]:
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(f"{path} cannot be read ({error})") from None
-    for n, row in enumerate(rows):
-        if None in row or None in row.values():
-            raise ValueError(f"{path}: row {n} must have as many fields as the header")
-    return rows
-
-
-def _number(text: str | None) -> float:
-    try:
-        return float(text) if text is not None else float("nan")
-    except ValueError:
-        return float("nan")
-
-
-def _maybe(text: str) -> float | str:
-    number = _number(text)
-    return text if number != number else number
-
-
-def _int(text: str) -> int | str:
-    try:
-        return int(text)
-    except ValueError:
-        return text
-
-
-def _other(side: str) -> str:
-    return "lower_bound" if side == "upper_bound" else "upper_bound"
-
-
-def _sides(record: Mapping[str, Any]) -> str:
-    sides = [side for side in ("upper_bound", "lower_bound") if side in record]
-    return " and ".join(sides) or "none"
 
 
 def _short(value: Any) -> str:

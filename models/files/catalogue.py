@@ -6,12 +6,12 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from models.camera_checks import MAX_SIZE_PX
 from models.files.text import read_rows
 
 COLUMNS = ("name", "width_px", "height_px", "hfov_deg", "vfov_deg", "price")
 MOST_BYTES = 1_000_000
 MOST_TYPES = 1_000
-MAX_SIZE_PX = 100_000
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from models.camera_checks import MAX_HEIGHT_M
 from models.files.text import parse_json, read_bytes
 from models.geometry import FloatArray
 from models.georeference import LONGITUDE_LATITUDE, Georeference, parse_crs
@@ -16,7 +17,6 @@ from models.georeference import LONGITUDE_LATITUDE, Georeference, parse_crs
 MOST_BYTES = 64_000_000
 MOST_POLES = 1_000_000
 MOST_METRES = 1e7
-MAX_HEIGHT_M = 100.0
 SAME_M = 1e-6
 
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.cameras import ANGLE_LIMIT, BORDER, Cameras
+from models.camera_checks import BORDER
+from models.cameras import ANGLE_LIMIT, Cameras
 from models.errors import CHI2_95, ROUNDING_VARIANCE_PX2, ErrorModel
 from models.geometry import BoolArray, FloatArray
 from models.obstacles import Obstacles

@@ -19,6 +19,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from placement.instance.messages import InstanceError, describe
+from placement.instance.road_schema import RoadSection
 from placement.instance.schema import (
     BudgetSection,
     CameraSection,
@@ -27,7 +28,6 @@ from placement.instance.schema import (
     MountsSection,
     ObjectiveSection,
     ObstaclesSection,
-    RoadSection,
     VehicleSection,
 )
 

@@ -70,3 +70,17 @@ NOT_EMPTY_NOR_REPEATING = AfterValidator(_check_list)
 LOOSE = Field(strict=False)  # a TOML array becomes a tuple; its items stay strict
 NotNegative = Annotated[float, interval(0.0, math.inf, ends="[)")]
 Pair = Annotated[tuple[float, float], LOOSE]
+
+
+# Beyond what any road, car or camera is, so that no product of them leaves the floats.
+Length = Annotated[float, interval(0.0, 1e6, ends="(]")]
+Reach = Annotated[float, interval(0.0, 1e4, ends="(]")]
+Offset = Annotated[float, interval(0.0, 1e3)]
+Width = Annotated[float, interval(0.0, 1e3, ends="(]")]
+Speed = Annotated[float, interval(0.0, 200.0, ends="(]")]
+Prior = Annotated[float, interval(1e-6, 1e6)]
+Alpha = Annotated[float, interval(0.0, 10.0)]
+Sigma = Annotated[float, interval(0.0, 1e3)]
+HeadingSigma = Annotated[float, interval(0.0, math.pi)]
+Density = Annotated[float, interval(0.0, 1e2)]
+Cost = Annotated[float, interval(0.0, 1e15)]

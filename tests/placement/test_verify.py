@@ -12,7 +12,8 @@ import pytest
 from placement.cli import main
 from placement.commands import solve_into, verify_in
 from placement.output import read_folder
-from placement.verify import certificate_checks, verify_folder
+from placement.referee.claims import certificate_checks
+from placement.verify import verify_folder
 
 SMALL = """
 [road]
