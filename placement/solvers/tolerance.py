@@ -19,9 +19,10 @@ import numpy as np
 
 from models.geometry import FloatArray, IntArray
 from placement.constraints import Constraints
+from placement.fewest.arrays import MOST_UNITS
 from placement.fewest.beam import SAME, Beam, spans_of
-from placement.fewest.bound import EFFORTS, Counting, whole_units
-from placement.fewest.labels import MOST_UNITS
+from placement.fewest.bound import EFFORTS, Counting
+from placement.fewest.course import whole_units
 from placement.objectives.tolerance import Tolerance, white_part
 from placement.objectives.windows.offsets import views_of
 from placement.problem import Problem, Run

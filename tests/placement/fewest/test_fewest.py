@@ -9,7 +9,8 @@ import pytest
 from benchmarks.synthetic_drives import CAR, ROBOT, random_drive
 from placement.constraints import Constraints, count_only
 from placement.fewest.beam import Beam
-from placement.fewest.bound import PROBE, Counting, Effort, whole_units
+from placement.fewest.bound import PROBE, Counting, Effort
+from placement.fewest.course import whole_units
 from placement.objectives.navigation_chain import Drive
 from placement.objectives.tolerance import Tolerance, white_part
 from placement.objectives.windows.offsets import views_of

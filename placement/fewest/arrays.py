@@ -1,0 +1,110 @@
+"""What a sweep reads and writes: one drive with its cameras, what is known, and the storage."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.geometry import BoolArray, FloatArray, IntArray
+
+DEPTH = 3  # cameras in view at once that are told apart
+NODES, ARCS, POOL, FREE, FULL, BLIND = range(6)
+N_COUNTERS = 6
+KEY_BITS = 17  # of a camera in the key of a set; `Course` holds fewer than 2**17
+MOST_UNITS = 1000
+MOST_NODES, MOST_ARCS, MOST_WAITING, MOST_SETS = 8_000_000, 24_000_000, 500_000, 60_000
+
+
+class Course(NamedTuple):
+    """One drive and its cameras, sorted by their first sample (v) and priced in whole units."""
+
+    steps: FloatArray
+    p0: FloatArray
+    base: FloatArray  # (t, 3) information of cameras that are there in any case
+    ptr: IntArray  # (v + 1,) rows of blocks: one a sample from first to last
+    blocks: FloatArray  # (n, 3)
+    at: IntArray  # (t + 1,) cameras that start at t
+    units: IntArray  # (v,)
+    floor: FloatArray  # (t, 6) below every covariance before the measurements of t
+    limit: float
+    failures: int
+    # where errors persist: who the cameras are, and what `offsets.Views` holds of them
+    who: IntArray
+    indptr: IntArray
+    indices: NDArray[np.int32]
+    white: NDArray[np.float32]
+    offsets: NDArray[np.float32]  # (nnz, 2, p), p = 0 where every frame errs afresh
+    frames: float
+
+
+class Known(NamedTuple):
+    """What is known to be needed: from the floor, from the end of a set, and from table rows."""
+
+    floor: IntArray  # (t + 1,) units from the floor at t, nothing pending
+    hope: IntArray  # (t + 1,) the same where overlapping cameras may still follow
+    lo: IntArray  # (t,) rows of the table, most needed first
+    hi: IntArray
+    p: FloatArray  # (n, 2, 6)
+    need: IntArray  # (n,)
+
+
+class Store(NamedTuple):
+    """What a sweep writes to."""
+
+    head: IntArray  # (t + 1, k + 1) lists of labels waiting for their sample
+    pool_next: IntArray
+    pool_parent: IntArray
+    pool_units: IntArray
+    pool_p: FloatArray  # (·, 2, 6)
+    node_need: IntArray
+    node_t: IntArray  # where free labels are, −1 for others
+    node_p: FloatArray  # (nodes, 2, 6)
+    arc_from: IntArray
+    arc_to: IntArray
+    arc_units: IntArray
+    set_m: IntArray  # (2, sets) of this sample and the next
+    set_n: IntArray
+    set_ids: IntArray  # (2, sets, DEPTH)
+    set_flag: BoolArray  # whether more than one camera was ever in it
+    set_node: IntArray
+    set_p: FloatArray  # (2, sets, scenarios, 6)
+    key: IntArray  # a hash table of the next sample's sets
+    key_first: IntArray
+    set_next: IntArray  # sets of one key
+    blind_node: IntArray  # (2, k + 1, span + 2) by how long it lasts; −1 for none
+    reached: BoolArray
+    counter: IntArray
+
+
+def new_store(failures: int) -> Store:
+    """Return storage, but for what depends on the units; the system commits it as it fills."""
+    scenarios = 2 + DEPTH if failures else 1
+    buckets = 1 << int(4 * MOST_SETS - 1).bit_length()
+    nothing = np.empty((0, 0), dtype=np.int64)
+    return Store(
+        head=nothing,
+        pool_next=np.empty(MOST_WAITING, dtype=np.int64),
+        pool_parent=np.empty(MOST_WAITING, dtype=np.int64),
+        pool_units=np.empty(MOST_WAITING, dtype=np.int64),
+        pool_p=np.empty((MOST_WAITING, 2, 6)),
+        node_need=np.empty(MOST_NODES, dtype=np.int64),
+        node_t=np.empty(MOST_NODES, dtype=np.int64),
+        node_p=np.empty((MOST_NODES, 2, 6)),
+        arc_from=np.empty(MOST_ARCS, dtype=np.int64),
+        arc_to=np.empty(MOST_ARCS, dtype=np.int64),
+        arc_units=np.empty(MOST_ARCS, dtype=np.int64),
+        set_m=np.empty((2, MOST_SETS), dtype=np.int64),
+        set_n=np.empty((2, MOST_SETS), dtype=np.int64),
+        set_ids=np.zeros((2, MOST_SETS, DEPTH), dtype=np.int64),
+        set_flag=np.zeros((2, MOST_SETS), dtype=np.bool_),
+        set_node=np.empty((2, MOST_SETS), dtype=np.int64),
+        set_p=np.empty((2, MOST_SETS, scenarios, 6)),
+        key=np.zeros(buckets, dtype=np.int64),
+        key_first=np.empty(buckets, dtype=np.int64),
+        set_next=np.empty(MOST_SETS, dtype=np.int64),
+        blind_node=np.empty((0, 0, 0), dtype=np.int64),
+        reached=np.empty(0, dtype=np.bool_),
+        counter=np.zeros(N_COUNTERS + 1, dtype=np.int64),
+    )

@@ -1,0 +1,134 @@
+"""A drive laid out for the sweep: the cameras that matter, sorted, and priced in whole units."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+
+from models.geometry import BoolArray, FloatArray, IntArray
+from placement.diagram.moves import TWINS, floor_information, three_columns, undominated
+from placement.fewest.arrays import KEY_BITS, Course
+from placement.objectives.navigation import WhiteDrive
+from placement.objectives.windows.filter import empty_messages, filter_forward
+from placement.objectives.windows.offsets import Views
+
+ROUNDING = 1e-9  # relative, of the limit
+MOST_LEVELS = 200  # units that the dearest camera may cost
+
+
+def whole_units(cost: FloatArray, usable: BoolArray) -> tuple[IntArray, float]:
+    """Return prices (c,) in whole units, rounded down, and the unit.
+
+    The unit is the cheapest positive price over the least whole number for which every price is
+    a multiple, if there is one that leaves the dearest at `MOST_LEVELS` or less.
+    """
+    priced = cost[usable & (cost > 0.0)]
+    if not priced.size:
+        return np.zeros(cost.size, dtype=np.int64), 1.0
+    low, high = float(priced.min()), float(priced.max())
+    unit = max(low, high / MOST_LEVELS)
+    for parts in range(1, 21):
+        trial = low / parts
+        if high / trial > MOST_LEVELS:
+            break
+        share = np.unique(priced) / trial
+        if np.all(np.abs(share - np.round(share)) <= 1e-9 * share):
+            unit = trial
+            break
+    units = np.floor(cost / unit * (1.0 + 1e-9) + 1e-12).astype(np.int64)
+    return units, unit
+
+
+def course_of(
+    drive: WhiteDrive,
+    limit: float,
+    usable: BoolArray,
+    given: IntArray,
+    units: IntArray,
+    most: int,
+    failures: int,
+    views: Views | None,
+) -> Course:
+    """Lay out the drive and the cameras that none of the same price or cheaper exceeds.
+
+    With persistent errors all that see something stay: offsets are not compared.
+    """
+    views_of = drive
+    drive, tails = without_second_views(drive, usable)
+    blocks = three_columns(drive)
+    kept = []
+    if views is not None:
+        kept.append(np.flatnonzero(usable & (np.diff(drive.indptr) > 0)))
+    for level in np.unique(units[usable]) if views is None else []:
+        best = undominated(drive.indptr, drive.indices, blocks, usable & (units <= level))
+        kept.append(best[units[best] == level])
+    who = np.concatenate(kept) if kept else np.empty(0, dtype=np.int64)
+    if who.size >= 2**KEY_BITS - 1:
+        raise ValueError(
+            f"method tolerance needs fewer than {2**KEY_BITS - 1:,} useful candidates, "
+            f"got {who.size:,}: coarsen mounts or poses"
+        )
+    first = drive.indices[drive.indptr[who]].astype(np.int64)
+    order = np.argsort(first, kind="stable")
+    who, first = who[order], first[order]
+    last = drive.indices[drive.indptr[who + 1] - 1].astype(np.int64)
+    ptr = np.concatenate(([0], np.cumsum(last - first + 1))).astype(np.int64)
+    dense = np.zeros((int(ptr[-1]), 3))
+    for v, i in enumerate(who):
+        row = slice(drive.indptr[i], drive.indptr[i + 1])
+        dense[ptr[v] + drive.indices[row] - first[v]] = (1.0 + TWINS) * blocks[row]
+    base = drive.total(given) + tails
+    floor = base + (1.0 + 1e-9) * floor_information(drive, usable, max(most, 1))
+    before, after, logs = empty_messages(drive.n_samples)
+    filter_forward(drive.steps, drive.p0, floor, before, after, logs)
+    return Course(
+        steps=drive.steps,
+        p0=drive.p0,
+        base=base,
+        ptr=ptr,
+        blocks=dense,
+        at=np.searchsorted(first, np.arange(drive.n_samples + 1)).astype(np.int64),
+        units=units[who],
+        floor=before * (1.0 - 1e-12),
+        limit=limit * (1.0 + ROUNDING),
+        failures=failures,
+        who=who,
+        indptr=views_of.indptr,
+        indices=views_of.indices,
+        white=np.empty((0, 3), dtype=np.float32) if views is None else views.white,
+        offsets=np.empty((0, 2, 0), dtype=np.float32) if views is None else views.offsets,
+        frames=drive.frames,
+    )
+
+
+def without_second_views(drive: WhiteDrive, usable: BoolArray) -> tuple[WhiteDrive, FloatArray]:
+    """Return the drive without what cameras see after half a drive's blindness, and that in sum.
+
+    On a closed road a camera near the start sees the car again at the end: as one window that
+    would span the whole lap. What it sees at the end is given to every placement instead, (t, 3).
+    """
+    seen = drive.indices.astype(np.int64)
+    row = np.repeat(np.arange(drive.indptr.size - 1), np.diff(drive.indptr))
+    jump = np.zeros(seen.size, dtype=np.int64)
+    jump[1:] = np.where(row[1:] == row[:-1], seen[1:] - seen[:-1], 0)
+    far = np.cumsum(jump > drive.n_samples // 2)
+    before = np.concatenate(([0], far))[drive.indptr[row]]
+    second = far > before
+    tails = np.zeros((drive.n_samples, 3))
+    if not second.any():
+        return drive, tails
+    free = second & usable[row]
+    np.add.at(tails, seen[free], three_columns(drive)[free])
+    part = copy.copy(drive)
+    keep = ~second
+    part.indptr = np.concatenate(([0], np.cumsum(keep)))[drive.indptr].astype(np.int64)
+    part.indices = np.ascontiguousarray(drive.indices[keep])
+    part.blocks = np.ascontiguousarray(drive.blocks[keep])
+    return part, tails
+
+
+def spans(course: Course) -> tuple[IntArray, IntArray]:
+    """Return the first and last sample (v,) of each camera."""
+    first = np.repeat(np.arange(course.steps.shape[0]), np.diff(course.at))
+    return first, first + np.diff(course.ptr) - 1

@@ -1,0 +1,99 @@
+"""The labels as a graph: nodes, arcs with their price, and what each still needs, backward."""
+
+from __future__ import annotations
+
+from numba import njit
+
+from placement.diagram.order import below
+from placement.fewest.arrays import ARCS, BLIND, FREE, FULL, MOST_UNITS, NODES, POOL
+from placement.objectives.windows.filter import row6
+
+
+@njit(cache=True)
+def needed(known, t, p, past, failures):  # type: ignore[no-untyped-def]
+    """Return the units that every placement with covariances above these still needs."""
+    best = known.floor[t]
+    if t >= known.lo.size:
+        return best
+    for n in range(known.lo[t], known.hi[t]):
+        if known.need[n] <= best:
+            break
+        if below(row6(known.p[n], 0), p, 1.0) and (
+            failures == 0 or below(row6(known.p[n], 1), past, 1.0)
+        ):
+            best = known.need[n]
+            break
+    return best
+
+
+@njit(cache=True)
+def record(store, parent, child, units):  # type: ignore[no-untyped-def]
+    """Add an arc."""
+    a = store.counter[ARCS]
+    store.arc_from[a], store.arc_to[a], store.arc_units[a] = parent, child, units
+    store.counter[ARCS] += 1
+
+
+@njit(cache=True)
+def new_node(store, t, p, past):  # type: ignore[no-untyped-def]
+    """Add a node; t = −1 where it is no free label."""
+    n = store.counter[NODES]
+    store.node_need[n] = MOST_UNITS
+    store.node_t[n] = t
+    if t >= 0:
+        for x in range(6):
+            store.node_p[n, 0, x] = p[x]
+            store.node_p[n, 1, x] = past[x]
+    store.counter[NODES] += 1
+    return n
+
+
+@njit(cache=True)
+def deposit(course, known, store, k, parent, units, m, t, p, past):  # type: ignore[no-untyped-def]
+    """Leave a free label of price m for sample t, unless it is known to be too dear."""
+    if t >= course.steps.shape[0]:
+        store.node_need[parent] = min(store.node_need[parent], units)
+        if m <= k:
+            store.reached[m] = True
+        return
+    togo = needed(known, t, p, past, course.failures)
+    if m + togo > k:
+        store.node_need[parent] = min(store.node_need[parent], units + togo)
+        return
+    x = store.counter[FREE]
+    if x >= 0:
+        store.counter[FREE] = store.pool_next[x]
+    else:
+        x = store.counter[POOL]
+        if x >= store.pool_next.size:
+            store.counter[FULL] = 1
+            return
+        store.counter[POOL] += 1
+    store.pool_parent[x], store.pool_units[x] = parent, units
+    for z in range(6):
+        store.pool_p[x, 0, z] = p[z]
+        store.pool_p[x, 1, z] = past[z]
+    store.pool_next[x] = store.head[t, m]
+    store.head[t, m] = x
+
+
+@njit(cache=True)
+def go_blind(store, parity, parent, units, m, length):  # type: ignore[no-untyped-def]
+    """Let a label know everything for `length` samples more."""
+    n = store.blind_node[parity, m, length]
+    if n < 0:
+        zero = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        n = new_node(store, -1, zero, zero)
+        store.blind_node[parity, m, length] = n
+    store.counter[BLIND] += 1
+    record(store, parent, n, units)
+
+
+@njit(cache=True)
+def backward(store):  # type: ignore[no-untyped-def]
+    """Complete node_need. Arcs into a label were recorded before those it left by afterwards."""
+    for a in range(store.counter[ARCS] - 1, -1, -1):
+        parent = store.arc_from[a]
+        if parent >= 0:
+            need = store.arc_units[a] + store.node_need[store.arc_to[a]]
+            store.node_need[parent] = min(store.node_need[parent], need)

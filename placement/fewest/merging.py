@@ -1,0 +1,135 @@
+"""Labels that meet are replaced by Loewner lower bounds: free ones to a width, sets to few each."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from placement.diagram.order import below, meet
+from placement.fewest.arrays import DEPTH, KEY_BITS
+from placement.fewest.crossing import worth
+from placement.fewest.graph import record
+from placement.objectives.windows.filter import row6
+
+
+@njit(cache=True)
+def lower(a, b, m, v):  # type: ignore[no-untyped-def]
+    """Return a covariance below both, as a row; zeros where rounding leaves a doubt."""
+    low = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for shrink in (0.999, 0.99, 0.9, 0.7, 0.4, 0.1, 0.01):
+        if below(a, b, shrink):
+            low = (
+                shrink * a[0], shrink * a[1], shrink * a[2], shrink * a[3], shrink * a[4],
+                shrink * a[5],
+            )  # fmt: skip
+            break
+    return meet(a, b, low, m, v)
+
+
+@njit(cache=True)
+def thin(n, p, rank, width, epsilon, probing, failures, assigned, kept_p, own_p, mm, vv):  # type: ignore[no-untyped-def]
+    """Merge n labels (n, 2, 6) into at most `width`; return how many, and the ε it took.
+
+    When `probing`, labels far below others stay apart from them.
+    """
+    order = np.argsort(rank[:n])
+    while True:
+        kept, fits = 0, True
+        for a0 in range(n):
+            a = order[a0]
+            q0, q1 = row6(p[a], 0), row6(p[a], 1)
+            found = -1
+            for b in range(0 if probing else kept):
+                if below(row6(kept_p[b], 0), q0, 1.0) and (
+                    failures == 0 or below(row6(kept_p[b], 1), q1, 1.0)
+                ):
+                    found = b
+                    break
+            if found >= 0:
+                assigned[a] = found
+                continue
+            shrink = 1.0 / (1.0 + epsilon)
+            for b in range(kept):
+                if below(row6(own_p[b], 0), q0, shrink) and (
+                    failures == 0 or below(row6(own_p[b], 1), q1, shrink)
+                ):
+                    if probing and not (
+                        below(q0, row6(own_p[b], 0), shrink)
+                        and (failures == 0 or below(q1, row6(own_p[b], 1), shrink))
+                    ):
+                        continue
+                    found = b
+                    break
+            if found < 0 and kept == width:
+                if epsilon < 1e3:
+                    fits = False
+                    break
+                found = 0
+            if found < 0:
+                for x in range(6):
+                    kept_p[kept, 0, x] = own_p[kept, 0, x] = q0[x]
+                    kept_p[kept, 1, x] = own_p[kept, 1, x] = q1[x]
+                assigned[a] = kept
+                kept += 1
+                continue
+            r0 = lower(row6(kept_p[found], 0), q0, mm, vv)
+            r1 = lower(row6(kept_p[found], 1), q1, mm, vv) if failures else r0
+            for x in range(6):
+                kept_p[found, 0, x] = r0[x]
+                kept_p[found, 1, x] = r1[x]
+            assigned[a] = found
+        if fits:
+            return kept, epsilon
+        epsilon *= 1.5
+
+
+@njit(cache=True)
+def put_set(store, side, slot_of, slots, m, n, ids, flag, node, p, scratch_m, scratch_v):  # type: ignore[no-untyped-def]
+    """Put a label of a set on the next sample's list, merged with those of the same set.
+
+    Return False where there is no room.
+    """
+    scenarios = p.shape[0]
+    key = np.int64(2 * m + (1 if flag else 0)) + 1
+    for a in range(DEPTH):
+        key = (key << KEY_BITS) | (ids[a] + 1 if a < n else 0)
+    mask = store.key.size - 1
+    h = (key * np.int64(-7046029254386353131) >> 20) & mask
+    while store.key[h] != 0 and store.key[h] != key:
+        h = (h + 1) & mask
+    fresh = store.key[h] == 0
+    if fresh:
+        store.key[h] = key
+        store.key_first[h] = -1
+    best, gap, count = -1, np.inf, 0
+    rank = worth(p[0]) + (worth(p[1]) if scenarios > 1 else 0.0)
+    s = store.key_first[h]
+    while s >= 0:
+        count += 1
+        own = store.set_p[side, s]
+        other = worth(own[0]) + (worth(own[1]) if scenarios > 1 else 0.0)
+        d = abs(rank - other) / max(other, 1e-300)
+        if d < gap:
+            best, gap = s, d
+        s = store.set_next[s]
+    if best < 0 or (count < slots and gap > 1e-3):
+        s = slot_of[side]
+        if s >= store.set_m.shape[1] or 2 * s > store.key.size:
+            return False
+        slot_of[side] += 1
+        store.set_m[side, s], store.set_n[side, s], store.set_flag[side, s] = m, n, flag
+        store.set_node[side, s] = node
+        for a in range(n):
+            store.set_ids[side, s, a] = ids[a]
+        store.set_p[side, s] = p
+        store.set_next[s] = store.key_first[h]
+        store.key_first[h] = s
+        return True
+    for c in range(scenarios):
+        if c >= 2 + n:
+            break
+        r = lower(row6(store.set_p[side, best], c), row6(p, c), scratch_m, scratch_v)
+        for x in range(6):
+            store.set_p[side, best, c, x] = r[x]
+    record(store, node, store.set_node[side, best], 0)
+    return True

@@ -1,0 +1,266 @@
+"""A sweep of labels along the road that counts cameras: relaxed, so what it needs, all need.
+
+A *label* at sample t is a price m paid so far (in whole units) and covariances P below those of
+every placement that it stands for; it dies when its lateral variance exceeds the limit. With one
+failure it holds two: the intact filter's and the filter's with some earlier camera dark.
+
+Labels with nothing pending are *free*: they wait a sample, or take one camera from its first sample
+to its last. Cameras whose views overlap are followed as *sets*: up to `DEPTH` cameras in view at
+once are told apart exactly, each with the covariance of its own failure; where more are in view at
+once the label goes *blind*: it knows all that any camera could tell until they are all out of view.
+
+With persistent errors a camera taken alone keeps its offsets unknown; the cameras of a set have
+theirs known, which tells at least as much.
+
+Free labels of one sample and price are thinned to a width, sets to a few labels for each set, by
+Loewner lower bounds. What a label still needs is found backward along the arcs of the sweep, and is
+needed by every label above it: those are the rows of the table by which the next sweep prunes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from placement.fewest.arrays import ARCS, DEPTH, FREE, FULL, N_COUNTERS, NODES
+from placement.fewest.crossing import alone, move, one_step, worth
+from placement.fewest.graph import deposit, go_blind, new_node, record
+from placement.fewest.merging import put_set, thin
+from placement.objectives.windows.filter import row6
+
+
+@njit(cache=True)
+def sweep(begin, end, k, course, known, store, least, width, slots, epsilon, probing, bin_epsilon):  # type: ignore[no-untyped-def]
+    """Sweep samples begin…end − 1 within k units; counter[FULL] is set if storage runs out.
+
+    least (v,) is what a set that starts with camera v takes at least, from before v on. When
+    `probing`, the floor itself starts a label at every sample, at the greatest price at which it
+    is not known to be too dear.
+    """
+    t_end = course.steps.shape[0]
+    failures = course.failures
+    scenarios = store.set_p.shape[2]
+    span = store.blind_node.shape[2] - 2
+    mm, vv = np.empty((3, 3)), np.empty((3, 3))
+    kept_p, own_p = np.empty((width + 1, 2, 6)), np.empty((width + 1, 2, 6))
+    most = 1024
+    p_in, rank = np.empty((most, 2, 6)), np.empty(most)
+    assigned = np.empty(most, dtype=np.int64)
+    slot_of = np.zeros(2, dtype=np.int64)
+    work = np.empty((scenarios, 6))
+    ids = np.empty(DEPTH, dtype=np.int64)
+    slot_of[begin % 2] = store.counter[N_COUNTERS]
+    for t in range(begin, end):
+        now, then = t % 2, 1 - t % 2
+        slot_of[then] = 0
+        store.key[:] = 0
+        store.blind_node[then] = -1
+        room = 4 * width * (2 + course.at[t + 1] - course.at[t]) * (k + 1)
+        if (
+            store.counter[NODES] + room + 4 * store.set_m.shape[1] >= store.node_need.size
+            or store.counter[ARCS] + 4 * room + 8 * store.set_m.shape[1] >= store.arc_from.size
+        ):
+            store.counter[FULL] = 2
+            return
+        # free labels: thin, wait, take a camera alone, start sets
+        for m in range(k + 1):
+            n, e = 0, store.head[t, m]
+            while e >= 0:
+                n += 1
+                e = store.pool_next[e]
+            probe = probing and m == k - known.floor[t]
+            if n == 0 and not probe:
+                continue
+            if n > most:
+                most = 2 * n
+                p_in, rank = np.empty((most, 2, 6)), np.empty(most)
+                assigned = np.empty(most, dtype=np.int64)
+            first = store.counter[NODES]
+            kept = 0
+            if n:
+                n, e = 0, store.head[t, m]
+                while e >= 0:
+                    p_in[n] = store.pool_p[e]
+                    rank[n] = worth(p_in[n, 0]) + (worth(p_in[n, 1]) if failures else 0.0)
+                    n += 1
+                    e = store.pool_next[e]
+                eps = max(epsilon, bin_epsilon[m] / 2.25)
+                kept, bin_epsilon[m] = thin(
+                    n, p_in, rank, width, eps, probing, failures, assigned, kept_p, own_p, mm, vv
+                )
+                for b in range(kept):
+                    new_node(store, t, kept_p[b, 0], kept_p[b, 1])
+                n, e = 0, store.head[t, m]
+                while e >= 0:
+                    record(store, store.pool_parent[e], first + assigned[n], store.pool_units[e])
+                    n += 1
+                    following = store.pool_next[e]
+                    store.pool_next[e] = store.counter[FREE]
+                    store.counter[FREE] = e
+                    e = following
+                store.head[t, m] = -1
+            if probe:
+                new_node(store, t, course.floor[t], course.floor[t])
+                for x in range(6):
+                    kept_p[kept, 0, x] = kept_p[kept, 1, x] = course.floor[t, x]
+                kept += 1
+            for g in range(kept):
+                parent = first + g
+                p, past = row6(kept_p[g], 0), row6(kept_p[g], 1)
+                q = one_step(p, course.base[t], 0.0, 0.0, 0.0)
+                r = q
+                alive = q[3] <= course.limit
+                if failures and alive:
+                    r = one_step(past, course.base[t], 0.0, 0.0, 0.0)
+                    alive = r[3] <= course.limit
+                if alive:
+                    if t + 1 < t_end:
+                        q = move(q, course.steps[t + 1])
+                        r = move(r, course.steps[t + 1])
+                    deposit(course, known, store, k, parent, 0, m, t + 1, q, r)
+                for v in range(course.at[t], course.at[t + 1]):
+                    units = course.units[v]
+                    length = course.ptr[v + 1] - course.ptr[v]
+                    togo = known.floor[t + length]
+                    if m + units + togo > k:
+                        store.node_need[parent] = min(store.node_need[parent], units + togo)
+                    else:
+                        alive, q, r = alone(course, v, t, p, past)
+                        if alive:
+                            deposit(course, known, store, k, parent, units, m + units, t + length,
+                                    q, r)  # fmt: skip
+                    if m + least[v] > k:
+                        store.node_need[parent] = min(store.node_need[parent], least[v])
+                        continue
+                    for x in range(6):
+                        work[0, x] = p[x]
+                        if failures:
+                            work[1, x] = past[x]
+                            work[2, x] = p[x]
+                    s = slot_of[now]
+                    if s >= store.set_m.shape[1]:
+                        go_blind(store, now, parent, units, m + units, length)
+                        continue
+                    slot_of[now] += 1
+                    store.set_m[now, s], store.set_n[now, s] = m + units, 1
+                    store.set_flag[now, s] = False
+                    store.set_ids[now, s, 0] = v
+                    store.set_p[now, s] = work
+                    store.set_node[now, s] = new_node(store, -1, p, past)
+                    record(store, parent, store.set_node[now, s], units)
+                if store.counter[FULL]:
+                    return
+        # sets: one camera more, or on to the next sample
+        s = 0
+        while s < slot_of[now]:
+            m, n, node = store.set_m[now, s], store.set_n[now, s], store.set_node[now, s]
+            flag = store.set_flag[now, s]
+            longest, latest = 0, 0
+            for a in range(n):
+                v = store.set_ids[now, s, a]
+                latest = max(latest, v)
+                started = np.searchsorted(course.at, v, side="right") - 1
+                longest = max(longest, started + course.ptr[v + 1] - course.ptr[v] - t)
+            for w in range(max(course.at[t], latest), course.at[t + 1]):
+                units = course.units[w]
+                length = max(longest, course.ptr[w + 1] - course.ptr[w])
+                togo = known.hope[t + length]
+                if m + units + togo > k:
+                    store.node_need[node] = min(store.node_need[node], units + togo)
+                    continue
+                z = slot_of[now]
+                if n == DEPTH or z >= store.set_m.shape[1]:
+                    go_blind(store, now, node, units, m + units, length)
+                    continue
+                slot_of[now] += 1
+                store.set_m[now, z], store.set_n[now, z] = m + units, n + 1
+                store.set_flag[now, z] = True
+                for a in range(n):
+                    store.set_ids[now, z, a] = store.set_ids[now, s, a]
+                store.set_ids[now, z, n] = w
+                store.set_p[now, z] = store.set_p[now, s]
+                if failures:
+                    store.set_p[now, z, 2 + n] = store.set_p[now, s, 0]
+                zero = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+                store.set_node[now, z] = new_node(store, -1, zero, zero)
+                record(store, node, store.set_node[now, z], units)
+                if store.counter[NODES] + 64 >= store.node_need.size or (
+                    store.counter[ARCS] + 64 >= store.arc_from.size
+                ):
+                    store.counter[FULL] = 2
+                    return
+            # measure
+            alive = True
+            t0, t1, t2 = 0.0, 0.0, 0.0
+            for a in range(n):
+                v = store.set_ids[now, s, a]
+                started = np.searchsorted(course.at, v, side="right") - 1
+                e = course.ptr[v] + t - started
+                t0 += course.blocks[e, 0]
+                t1 += course.blocks[e, 1]
+                t2 += course.blocks[e, 2]
+            for c in range(2 + n if failures else 1):
+                j0, j1, j2 = t0, t1, t2
+                if c >= 2:
+                    j0, j1, j2 = 0.0, 0.0, 0.0
+                    for a in range(n):
+                        if a != c - 2:
+                            v = store.set_ids[now, s, a]
+                            started = np.searchsorted(course.at, v, side="right") - 1
+                            e = course.ptr[v] + t - started
+                            j0 += course.blocks[e, 0]
+                            j1 += course.blocks[e, 1]
+                            j2 += course.blocks[e, 2]
+                q = one_step(row6(store.set_p[now, s], c), course.base[t], j0, j1, j2)
+                if q[3] > course.limit:
+                    alive = False
+                    break
+                if t + 1 < t_end:
+                    q = move(q, course.steps[t + 1])
+                for x in range(6):
+                    work[c, x] = q[x]
+            if not alive:
+                s += 1
+                continue
+            remain = 0
+            for a in range(n):
+                v = store.set_ids[now, s, a]
+                started = np.searchsorted(course.at, v, side="right") - 1
+                if started + course.ptr[v + 1] - course.ptr[v] > t + 1:
+                    ids[remain] = v
+                    if failures:
+                        work[2 + remain] = work[2 + a]
+                    remain += 1
+                elif failures and worth(work[2 + a]) > worth(work[1]):
+                    work[1] = work[2 + a]
+            if remain == 0:
+                if flag:
+                    q = row6(work, 0)
+                    r = row6(work, 1) if failures else q
+                    deposit(course, known, store, k, node, 0, m, t + 1, q, r)
+            elif not put_set(store, then, slot_of, slots, m, remain, ids, flag, node, work,
+                             mm, vv):  # fmt: skip
+                go_blind(store, then, node, 0, m, longest - 1)
+            s += 1
+        # blind labels: one camera more, or on to the next sample
+        for m in range(k + 1):
+            for length in range(1, span + 1):
+                node = store.blind_node[now, m, length]
+                if node < 0:
+                    continue
+                for w in range(course.at[t], course.at[t + 1]):
+                    units = course.units[w]
+                    longer = max(length, course.ptr[w + 1] - course.ptr[w])
+                    togo = known.hope[t + longer]
+                    if m + units + togo > k:
+                        store.node_need[node] = min(store.node_need[node], units + togo)
+                    elif longer > length:
+                        go_blind(store, now, node, units, m + units, longer)
+                if length == 1 or t + 1 == t_end:
+                    q = row6(course.floor, min(t + 1, t_end - 1))
+                    deposit(course, known, store, k, node, 0, m, t + 1, q, q)
+                else:
+                    go_blind(store, then, node, 0, m, length - 1)
+        if store.counter[FULL]:
+            return
+    store.counter[N_COUNTERS] = slot_of[end % 2]
