@@ -23,20 +23,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from models.geometry import FloatArray, IntArray
+from placement.bounds.branching import WHOLE, children, last_placement
 from placement.bounds.concave import best_fraction
-from placement.bounds.coverage_cuts import CoverageCuts, merged, restricted_coverage
+from placement.bounds.coverage_cuts import CoverageCuts, merged
 from placement.bounds.coverage_tree import best_few
 from placement.bounds.cut_program import CutProgram, Fraction
-from placement.bounds.cuts import CutMaker, Cuts, joined
-from placement.bounds.matroid import (
-    Choice,
-    best_choice,
-    restricted_choice,
-    root_choice,
-    using,
-    without,
-)
-from placement.bounds.restrict import restricted_information, restricted_objective
+from placement.bounds.cuts import Cuts, joined
+from placement.bounds.cuttable import Cuttable, Maker, cut_maker, n_levels, restricted
+from placement.bounds.matroid import Choice, best_choice, restricted_choice, root_choice, without
 from placement.bounds.tangent import cut_bound
 from placement.bounds.whole_cuts import WholeCutMaker
 from placement.objectives.coverage import Coverage
@@ -45,6 +39,7 @@ from placement.objectives.localisation import Localisation
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
 from placement.solvers.exchange import polish
+from placement.solvers.first_placement import first_placement
 
 # A node within this share of the incumbent holds nothing better; a tenth of what counts as
 # optimal, so that rounding elsewhere cannot spoil the status.
@@ -53,12 +48,7 @@ ROOT_ROUNDS = 60
 # Stop cutting where a round lowers the bound by less than this share of the gap.
 STALL = 0.02
 MOST_FAILURES = 200  # of HiGHS, before the search stops with the bound it has
-WHOLE = 1e-6  # an x this near 0 or 1 is taken for it
 LEAVE_TIME_S = 0.2  # for the verb's own checks, out of the time limit
-
-
-Cuttable = Localisation | Coverage | Entropy
-Maker = CutMaker | CoverageCuts | WholeCutMaker
 
 
 def solve_mip(problem: Problem, run: Run) -> Proposal:
@@ -113,14 +103,14 @@ class Search:
 
     def start(self) -> None:
         """Find an incumbent by greedy and swaps, and open the root."""
-        self._offer(_first_placement(self.problem, self.objective, self.run))
+        self._offer(first_placement(self.problem, self.objective, self.run))
         root = root_choice(self.problem.constraints)
         self._keep = np.arange(self.objective.n_candidates)
         self._objective = self.objective
         if isinstance(self.objective, Coverage):
             self._objective = merged(self.objective)
             root = without(root, CoverageCuts(self._objective).useless(self.problem.constraints))
-        self._maker = _cut_maker(self._objective)
+        self._maker = cut_maker(self._objective)
         selected = np.array(self.incumbent, dtype=np.int64)
         cuts = [self._maker.submodular(selected[:0]), self._maker.submodular(selected)]
         # A candidate that no sample hears from adds nothing: leave it out unless it must be in.
@@ -132,7 +122,7 @@ class Search:
         if isinstance(self._maker, WholeCutMaker):
             root, bound, tangent = self._relaxed(root, selected, self._maker)
             cuts.append(tangent)
-        self._program = CutProgram(root, joined(cuts), _n_levels(self._objective))
+        self._program = CutProgram(root, joined(cuts), n_levels(self._objective))
         self._push(bound, root)
 
     def _relaxed(
@@ -214,7 +204,7 @@ class Search:
                 program.cuts,
                 fraction.multiplier,
                 choice,
-                _n_levels(self._objective),
+                n_levels(self._objective),
                 fraction.price,
             )
             node_bound = self._reachable(node_bound)
@@ -255,47 +245,11 @@ class Search:
         if fraction is None:
             self._push(bound, choice)
             return
-        for child in self._children(choice, fraction.x):
-            self._push(bound, child)
-
-    def _children(self, choice: Choice, x: FloatArray) -> list[Choice]:
-        """Split a node: use a group or not; where it is used, one half of its poses or the other.
-
-        Return an empty list if exactly one placement is left, which is then offered.
-        """
-        mass = np.bincount(choice.group, x * choice.allowed, len(choice.used))
-        left = np.bincount(choice.group[choice.allowed], minlength=len(choice.used))
-        undecided = ~choice.used & (left > 0)
-        fractional = np.minimum(mass, 1.0 - mass)
-        if np.any(undecided & (fractional > WHOLE)):
-            at = int(np.argmax(np.where(undecided, fractional, -1.0)))
-            return self._use_or_not(choice, at)
-        spread = np.bincount(choice.group, np.minimum(x, 1.0 - x) * choice.allowed, len(mass))
-        several = left > 1
-        if np.any(several & (spread > WHOLE)):
-            return self._halves(choice, int(np.argmax(np.where(several, spread, -1.0))), x)
-        # Nothing is fractional, yet bound and score differ: any decision will do.
-        if np.any(choice.used & several):
-            return self._halves(choice, int(np.argmax(choice.used & several)), x)
-        if np.any(undecided) and choice.used.sum() < choice.budget:
-            return self._use_or_not(choice, int(np.argmax(undecided * (1.0 + mass))))
-        last = best_choice(choice, np.where(choice.used[choice.group], 1.0, -1.0))[0]
-        self._offer(self._keep[last])
-        return []
-
-    def _use_or_not(self, choice: Choice, group: int) -> list[Choice]:
-        children = [using(choice, group), without(choice, choice.group == group)]
-        return [child for child in children if child.feasible]
-
-    def _halves(self, choice: Choice, group: int, x: FloatArray) -> list[Choice]:
-        members = np.flatnonzero((choice.group == group) & choice.allowed)
-        # Alternate by weight, so that each half has about half of it.
-        order = members[np.argsort(-x[members], kind="stable")]
-        halves = [order[0::2], order[1::2]]
-        if not choice.used[group]:
-            children = [without(choice, half) for half in halves]
-            return [child for child in children if child.feasible]
-        return [without(choice, half) for half in halves]
+        parts = children(choice, fraction.x)
+        if not parts:
+            self._offer(self._keep[last_placement(choice)])
+        for part in parts:
+            self._push(bound, part)
 
     def _fixed(self, choice: Choice, loss: FloatArray, bound: float) -> Choice:
         """Leave out every candidate that no placement beating the incumbent can hold."""
@@ -352,11 +306,11 @@ class Search:
         position[keep] = np.arange(keep.size)
         self._open = [(b, serial, restricted_choice(c, keep)) for b, serial, c in self._open]
         self._keep = self._keep[keep]
-        self._objective = _restricted(self._objective, keep)
-        self._maker = _cut_maker(self._objective)
+        self._objective = restricted(self._objective, keep)
+        self._maker = cut_maker(self._objective)
         cuts = self._program.cuts.renumbered(position)
         everything = restricted_choice(replace(choice, allowed=allowed), keep)
-        self._program = CutProgram(everything, cuts, _n_levels(self._objective))
+        self._program = CutProgram(everything, cuts, n_levels(self._objective))
         return restricted_choice(choice, keep)
 
     def _push(self, bound: float, choice: Choice) -> None:
@@ -394,52 +348,3 @@ class Search:
 
     def _out_of_time(self) -> bool:
         return self._remaining() <= 0.0
-
-
-def _cut_maker(objective: Cuttable) -> Maker:
-    """Cut sample by sample where the score is a sum over samples, else as a whole."""
-    if isinstance(objective, Coverage):
-        return CoverageCuts(objective)
-    return CutMaker(objective) if isinstance(objective, Localisation) else WholeCutMaker(objective)
-
-
-def _n_levels(objective: Cuttable) -> int:
-    """Return how many terms the score is a sum of."""
-    if isinstance(objective, Localisation | Coverage):
-        return objective.information.n_samples
-    return 1
-
-
-def _restricted(objective: Cuttable, keep: IntArray) -> Cuttable:
-    """Return the same objective over the candidates `keep` alone."""
-    if isinstance(objective, Coverage):
-        return restricted_coverage(objective, keep)
-    if isinstance(objective, Localisation):
-        return restricted_objective(objective, keep)
-    return Entropy(
-        [
-            replace(drive, information=restricted_information(drive.information, keep))
-            for drive in objective.drives
-        ]
-    )
-
-
-def _first_placement(problem: Problem, objective: Cuttable, run: Run) -> IntArray:
-    """Return what greedy and swaps find; for `coverage` by several cameras, by way of shares."""
-    from placement.solvers.greedy import climb
-
-    # Under money or separation swaps alone are 1 % short.
-    if isinstance(objective, Localisation) and problem.constraints.beyond_matroid():
-        from placement.solvers.search import solve_search
-
-        return np.array(solve_search(problem, run).selected, dtype=np.int64)
-    easy = problem
-    if isinstance(objective, Coverage) and not objective.submodular:
-        shared = Coverage(objective.information, objective.times, objective.weights, partial=True)
-        easy = replace(problem, objective=shared)
-    state, _, _ = climb(easy, run)
-    if easy is not problem:
-        polish(easy, run, state)
-        state = objective.state(np.array(state.selected, dtype=np.int64))
-    polish(problem, run, state)
-    return np.array(state.selected, dtype=np.int64)
