@@ -31,6 +31,7 @@ from placement.bounds.cut_program import CutProgram, Fraction
 from placement.bounds.cuts import Cuts, joined
 from placement.bounds.cuttable import Cuttable, Maker, cut_maker, n_levels, restricted
 from placement.bounds.matroid import Choice, best_choice, restricted_choice, root_choice, without
+from placement.bounds.restrict import restricted_constraints
 from placement.bounds.tangent import cut_bound
 from placement.bounds.whole_cuts import WholeCutMaker
 from placement.objectives.coverage import Coverage
@@ -38,6 +39,7 @@ from placement.objectives.entropy import Entropy
 from placement.objectives.localisation import Localisation
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
+from placement.solvers.dive import dive
 from placement.solvers.exchange import polish
 from placement.solvers.first_placement import first_placement
 
@@ -47,6 +49,7 @@ TOLERANCE = 1e-7
 ROOT_ROUNDS = 60
 # Stop cutting where a round lowers the bound by less than this share of the gap.
 STALL = 0.02
+DIVE_EVERY = 10  # nodes
 MOST_FAILURES = 200  # of HiGHS, before the search stops with the bound it has
 LEAVE_TIME_S = 0.2  # for the verb's own checks, out of the time limit
 
@@ -106,24 +109,34 @@ class Search:
         self._offer(first_placement(self.problem, self.objective, self.run))
         root = root_choice(self.problem.constraints)
         self._keep = np.arange(self.objective.n_candidates)
-        self._objective = self.objective
-        if isinstance(self.objective, Coverage):
-            self._objective = merged(self.objective)
-            root = without(root, CoverageCuts(self._objective).useless(self.problem.constraints))
-        self._maker = cut_maker(self._objective)
-        selected = np.array(self.incumbent, dtype=np.int64)
-        cuts = [self._maker.submodular(selected[:0]), self._maker.submodular(selected)]
-        # A candidate that no sample hears from adds nothing: leave it out unless it must be in.
-        deaf = np.ones(self.objective.n_candidates, dtype=np.bool_)
-        deaf[cuts[0].candidate] = False
-        deaf[self.problem.constraints.required] = False
-        root = without(root, deaf)
-        bound = np.inf
+        simple = merged(self.objective) if isinstance(self.objective, Coverage) else self.objective
+        self._push(np.inf, self._begun(simple, root))
         if isinstance(self._maker, WholeCutMaker):
+            _, _, root = self._open.pop()
+            selected = np.array(self.incumbent, dtype=np.int64)
             root, bound, tangent = self._relaxed(root, selected, self._maker)
-            cuts.append(tangent)
-        self._program = CutProgram(root, joined(cuts), n_levels(self._objective))
-        self._push(bound, root)
+            cuts = joined([self._program.cuts, tangent])
+            self._program = CutProgram(root, cuts, n_levels(self._objective))
+            self._push(bound, root)
+
+    def _begun(self, objective: Cuttable, choice: Choice) -> Choice:
+        """Make a new program of `objective`, over the candidates `_keep`; return what is left."""
+        self._objective, self._maker = objective, cut_maker(objective)
+        position = np.full(self.objective.n_candidates, -1, dtype=np.int64)
+        position[self._keep] = np.arange(self._keep.size)
+        here = position[np.array(self.incumbent, dtype=np.int64)]
+        cuts = [self._maker.submodular(here[:0]), self._maker.submodular(here[here >= 0])]
+        # A candidate that no sample hears from adds nothing: leave it out unless it must be in.
+        left_out = np.ones(self._keep.size, dtype=np.bool_)
+        left_out[cuts[0].candidate] = False
+        if isinstance(self._maker, CoverageCuts):
+            few = restricted_constraints(self.problem.constraints, self._keep)
+            left_out |= self._maker.useless(few)
+        required = position[self.problem.constraints.required]
+        left_out[required] = False
+        choice = without(choice, left_out)
+        self._program = CutProgram(choice, joined(cuts), n_levels(objective))
+        return choice
 
     def _relaxed(
         self, root: Choice, selected: IntArray, maker: WholeCutMaker
@@ -207,8 +220,8 @@ class Search:
                 n_levels(self._objective),
                 fraction.price,
             )
-            node_bound = self._reachable(node_bound)
-            bound = min(bound, node_bound)
+            slack = self._slack(node_bound)
+            bound = min(bound, self._reachable(node_bound))
             if root:
                 self.root_bound = bound
                 self._publish(bound)
@@ -216,8 +229,8 @@ class Search:
             if bound <= self._threshold():
                 self._close(bound)
                 return
-            if node_bound <= bound:
-                choice = self._fixed(choice, loss, bound)
+            # Whoever no placement that beats the incumbent can hold is left out.
+            choice = without(choice, choice.allowed & (loss > slack))
             if not choice.feasible:
                 self._close(min(bound, self._threshold()))
                 return
@@ -229,6 +242,8 @@ class Search:
             else:
                 stalled = before - bound < STALL * (bound - self.score)
                 if round_ >= (5 if root else 1) and stalled:
+                    if self._dived(fraction.x, choice) and root:
+                        continue  # the better incumbent leaves more candidates out
                     break
                 # Many small violations are not worth a round each.
                 worth_it = max(self._violation(fraction.z), 1e-3 * (bound - self.score))
@@ -251,16 +266,19 @@ class Search:
         for part in parts:
             self._push(bound, part)
 
-    def _fixed(self, choice: Choice, loss: FloatArray, bound: float) -> Choice:
-        """Leave out every candidate that no placement beating the incumbent can hold."""
-        slack = bound - self.score + 1e-9 * abs(bound)
-        return without(choice, choice.allowed & (loss > slack))
-
     def _round(self, x: FloatArray, choice: Choice, *, thorough: bool) -> None:
         """Try the placement nearest to x; polish it if that is worth the time."""
         worth = x + 1e-9 * choice.allowed
         selected, _ = best_choice(choice, np.where(choice.allowed, worth, 0.0))
         self._offer(self._keep[selected], polishing=thorough)
+
+    def _dived(self, x: FloatArray, choice: Choice) -> bool:
+        """Look below a node for a placement of `coverage`; return whether the incumbent rose."""
+        if not isinstance(self._objective, Coverage) or self.nodes % DIVE_EVERY != 1:
+            return False
+        before = self.score
+        self._offer(self._keep[dive(self._program, choice, x, self._remaining)], polishing=True)
+        return self.score > before
 
     def _offer(self, selected: IntArray, *, polishing: bool = False) -> None:
         """Keep `selected` if it is a placement and better than the incumbent."""
@@ -293,13 +311,15 @@ class Search:
     def _shrink(self, choice: Choice) -> Choice:
         """Drop from objective, cuts and nodes the candidates that no open node allows.
 
-        Done only once half of them are gone, as the linear program then starts cold. Return
-        `choice` in the new numbering.
+        Done only once half of them are gone, as the linear program then starts cold; at the root
+        of `coverage` sooner, as samples that the same candidates see are then made one, and poses
+        that see no more than another are left out anew. Return `choice` in the new numbering.
         """
         allowed = choice.allowed.copy()
         for _, _, other in self._open:
             allowed |= other.allowed
-        if allowed.sum() > 0.5 * self._keep.size:
+        root = isinstance(self._objective, Coverage) and not self._open
+        if allowed.sum() > (0.8 if root else 0.5) * self._keep.size:
             return choice
         keep = np.flatnonzero(allowed)
         position = np.full(self._keep.size, -1, dtype=np.int64)
@@ -307,11 +327,14 @@ class Search:
         self._open = [(b, serial, restricted_choice(c, keep)) for b, serial, c in self._open]
         self._keep = self._keep[keep]
         self._objective = restricted(self._objective, keep)
+        choice = restricted_choice(choice, keep)
+        if root and isinstance(self._objective, Coverage):
+            return self._begun(merged(self._objective), choice)
         self._maker = cut_maker(self._objective)
         cuts = self._program.cuts.renumbered(position)
-        everything = restricted_choice(replace(choice, allowed=allowed), keep)
+        everything = replace(choice, allowed=allowed[keep])
         self._program = CutProgram(everything, cuts, n_levels(self._objective))
-        return restricted_choice(choice, keep)
+        return choice
 
     def _push(self, bound: float, choice: Choice) -> None:
         heapq.heappush(self._open, (-bound, next(self._serial), choice))
@@ -322,11 +345,22 @@ class Search:
     def _reachable(self, bound: float) -> float:
         """Return the greatest value at most `bound` that a placement can have.
 
-        Where whole weights are summed, values are whole. Whoever is then left out because its
-        reduced cost exceeds bound − incumbent would beat it by less than one: not at all.
+        Where whole weights are summed, values are whole.
         """
-        step = self.objective.step if isinstance(self.objective, Coverage) else 0.0
+        step = self._step()
         return step * math.floor(bound / step) if step and math.isfinite(bound) else bound
+
+    def _slack(self, bound: float) -> float:
+        """Return the loss from `bound` beyond which a placement cannot beat the incumbent.
+
+        Where values are whole it must fall below the next whole one, no further.
+        """
+        step = self._step()
+        least = (step - 1e-6) if step else -1e-9 * abs(bound)
+        return max(0.0, bound - self.score - least)
+
+    def _step(self) -> float:
+        return self.objective.step if isinstance(self.objective, Coverage) else 0.0
 
     def _threshold(self) -> float:
         return self.score + TOLERANCE * abs(self.score)

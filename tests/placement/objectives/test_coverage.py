@@ -9,12 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+from placement.bounds import coverage_tree
 from placement.bounds.coverage_cuts import CoverageCuts, merged
 from placement.bounds.coverage_tree import best_few
+from placement.bounds.cut_program import CutProgram
+from placement.bounds.matroid import root_choice, without
 from placement.objectives.coverage import Coverage
 from placement.problem import Run
 from placement.solution import Status
 from placement.solve import solve
+from placement.solvers.dive import dive
 
 Make = Callable[..., Any]
 
@@ -89,6 +93,54 @@ def test_the_exact_method_finds_and_proves_the_best(
         assert solution.bound is not None
         assert solution.bound >= best - 1e-9
         assert solve(problem).value == solution.value
+
+
+@pytest.mark.parametrize("times", [1, 2, 3])
+@pytest.mark.parametrize("limits", ["count", "groups", "money"])
+def test_the_tree_alone_finds_and_proves_the_best(
+    times: int,
+    limits: str,
+    new_problem: Make,
+    brute_force: Make,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(coverage_tree, "MOST_WORK", 0.0)
+    for seed in range(5):
+        rng = np.random.default_rng([seed, times, len(limits)])
+        base = new_problem(rng, n_candidates=10, n_samples=24, budget=4, groups=limits == "groups")
+        constraints = base.constraints
+        if limits == "money":
+            constraints = replace(constraints, cost=rng.uniform(0.2, 1.0, 10), money=1.5)
+        weights = rng.integers(1, 4, 24) if seed % 2 else rng.uniform(0.1, 1.0, 24)
+        f = Coverage(base.objective.information, times, weights)
+        problem = replace(base, objective=f, constraints=constraints)
+        best, _ = brute_force(problem)
+        solution = solve(problem, "mip")
+        assert solution.status is Status.OPTIMAL, solution
+        assert solution.value == pytest.approx(best, rel=1e-6, abs=1e-9)
+        assert solution.bound is not None
+        assert best - 1e-9 <= solution.bound <= best * (1.0 + 1e-6) + 1e-9
+
+
+@pytest.mark.parametrize("groups", [False, True])
+def test_a_dive_ends_in_a_placement_of_its_node(groups: bool, new_problem: Make) -> None:
+    for seed in range(6):
+        base = new_problem(
+            np.random.default_rng(seed), n_candidates=14, n_samples=30, budget=4, groups=groups
+        )
+        f = merged(Coverage(base.objective.information, 2))
+        maker, choice = CoverageCuts(f), root_choice(base.constraints)
+        nobody = np.empty(0, dtype=np.int64)
+        program = CutProgram(choice, maker.submodular(nobody), f.information.n_samples)
+        node = without(choice, np.array([3, 5]))
+        first = program.solve(node, 10.0)
+        assert first is not None
+        chosen = dive(program, node, first.x, lambda: 10.0)
+        assert base.constraints.violations(chosen) == []
+        assert not {3, 5} & set(chosen.tolist())
+        assert chosen.size > 0
+        stopped = dive(program, node, first.x, lambda: 0.0)
+        assert base.constraints.violations(stopped) == []
 
 
 @pytest.mark.parametrize("times", [1, 2, 3])
