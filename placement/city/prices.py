@@ -32,6 +32,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from models.geometry import FloatArray, IntArray
+from placement.city.mixing import shares, slopes, worths
 from placement.objectives.block_kernels import block_of, log_det_ratio
 
 LEVELS = 4  # sets R_l a sample at most, the empty one included
@@ -83,16 +84,16 @@ def price_region(task: RegionTask) -> RegionPrice:
     best = RegionPrice(np.inf, np.zeros(len(task.start) - 1))
     least = np.inf
     for step in range(task.steps):
-        _worths(task.indptr, task.indices, gains, mixture, sets, worth)
+        worths(task.indptr, task.indices, gains, mixture, sets, worth)
         constant = float(np.sum(mixture * value))
         most = np.maximum(np.maximum.reduceat(worth, task.start[:-1]), 0.0)
         bound = constant + float(np.sum(np.maximum(most - task.price, 0.0)))
         if bound < least:
             least, best = bound, RegionPrice(constant, most)
         temperature = task.price * _TEMPERATURE / (1.0 + step / _COOLING)
-        _shares(worth, task.start, task.price, temperature, share)
+        shares(worth, task.start, task.price, temperature, share)
         slope[:] = value
-        _slopes(task.indptr, task.indices, gains, share, sets, slope)
+        slopes(task.indptr, task.indices, gains, share, sets, slope)
         with np.errstate(divide="ignore"):
             logits = np.log(mixture) - _RATE / (1.0 + step / (2.0 * _COOLING)) * slope
         logits[~exists] = -np.inf
@@ -177,55 +178,3 @@ def _entry_gains(
                 a, c, b = sums[t, level, 0], sums[t, level, 1], sums[t, level, 2]
                 # the sums are scaled already
                 gains[e, level] = weights[t] * log_det_ratio(a, c, b, ja, jc, jb, 1.0)
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _worths(
-    indptr: IntArray,
-    indices: NDArray[np.int32],
-    gains: FloatArray,
-    mixture: FloatArray,
-    sets: IntArray,
-    worth: FloatArray,
-) -> None:
-    for i in range(len(worth)):
-        total = 0.0
-        for e in range(indptr[i], indptr[i + 1]):
-            t = indices[e]
-            for level in range(sets[t] + 1):
-                total += mixture[t, level] * gains[e, level]
-        worth[i] = total
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _slopes(
-    indptr: IntArray,
-    indices: NDArray[np.int32],
-    gains: FloatArray,
-    share: FloatArray,
-    sets: IntArray,
-    slope: FloatArray,
-) -> None:
-    for i in range(len(share)):
-        if share[i] > 1e-12:
-            for e in range(indptr[i], indptr[i + 1]):
-                t = indices[e]
-                for level in range(sets[t] + 1):
-                    slope[t, level] += share[i] * gains[e, level]
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _shares(
-    worth: FloatArray, start: IntArray, price: float, temperature: float, share: FloatArray
-) -> None:
-    """Write each candidate's share of its mount, exp((c − λ)/τ) against 1 for no camera."""
-    for m in range(len(start) - 1):
-        most = 0.0
-        for i in range(start[m], start[m + 1]):
-            most = max(most, (worth[i] - price) / temperature)
-        whole = np.exp(-most)
-        for i in range(start[m], start[m + 1]):
-            share[i] = np.exp((worth[i] - price) / temperature - most)
-            whole += share[i]
-        for i in range(start[m], start[m + 1]):
-            share[i] /= whole
