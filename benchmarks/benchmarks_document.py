@@ -30,14 +30,18 @@ def main() -> None:
     parser.add_argument("out", type=Path, help="the folder that holds a folder a suite")
     parser.add_argument("--measure", action="store_true", help="run every suite first")
     parser.add_argument("--data", help="where your roads lie")
+    parser.add_argument("--suite", action="append", choices=list(SUITES), help="only this one")
+    parser.add_argument("--time-limit", type=float, help="seconds a job, else each suite's own")
     given = parser.parse_args()
+    names = given.suite or list(SUITES)
     if given.measure:
-        for name in SUITES:
+        for name in names:
             prepare_folder(given.out / name)
+            suite = make_suite(name, given.data).changed(time_limit_s=given.time_limit)
             with watch() as report:
-                run_and_write(make_suite(name, given.data), given.out / name, report)
+                run_and_write(suite, given.out / name, report)
     text = DOCUMENT.read_text(encoding="utf-8")
-    for name in SUITES:
+    for name in names:
         path = given.out / name / "results.csv"
         if path.is_file() and f"<!-- table: {name} -->" in text:
             text = replace_table(text, name, suite_tables(read_results(path)))

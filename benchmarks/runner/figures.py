@@ -14,7 +14,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks.runner.summary import SAME, Row, behind, best_values, solved
+from benchmarks.runner.summary import SAME, Row, behind, best_values, seconds_of, solved
 
 if TYPE_CHECKING:
     from placement.atomic import Content
@@ -67,11 +67,7 @@ def profile(rows: Sequence[Row], solver: str) -> list[float]:
     ratios = []
     for case in dict.fromkeys((row["instance"], row["seed"]) for row in rows):
         here = [row for row in rows if (row["instance"], row["seed"]) == case]
-        reached = {
-            str(row["solver"]): max(float(row["seconds_median"]), 1e-4)
-            for row in here
-            if behind(row, best) <= SAME
-        }
+        reached = {str(row["solver"]): seconds_of(row) for row in here if behind(row, best) <= SAME}
         if reached:
             ratios.append(reached.get(solver, np.inf) / min(reached.values()))
     return ratios
@@ -93,7 +89,7 @@ def _profile(figure: Figure, rows: Sequence[Row], looks: Mapping[str, Any]) -> N
     axes.set_xscale("log")
     axes.set_xlim(1.0, highest)
     axes.set_ylim(0.0, 1.02)
-    axes.set_xlabel("seconds over those of the fastest that reached the best value")
+    axes.set_xlabel("processor seconds over those of the fastest that reached the best value")
     axes.set_ylabel("share of the instances")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper", fontsize=8)
 
@@ -110,13 +106,13 @@ def _gap_time(figure: Figure, rows: Sequence[Row], looks: Mapping[str, Any]) -> 
             and row["status"] != "wrong_bound"
         ]
         if own:
-            seconds = [max(float(row["seconds_median"]), 1e-4) for row in own]
+            seconds = [seconds_of(row) for row in own]
             gaps = [max(float(row["gap"]), SMALLEST_GAP) for row in own]
             axes.plot(seconds, gaps, linestyle="none", markersize=4, label=solver, **look)
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.axhline(1e-6, color="0.5", linewidth=0.8)
-    axes.set_xlabel("seconds")
+    axes.set_xlabel("processor seconds")
     axes.set_ylabel("proven gap (below the line: optimal)")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper", fontsize=8)
 
@@ -125,7 +121,7 @@ def _scaling(figure: Figure, rows: Sequence[Row], looks: Mapping[str, Any]) -> N
     axes = figure.subplots()
     for solver, look in looks.items():
         points = sorted(
-            (float(row["candidates"]), max(float(row["seconds_median"]), 1e-4))
+            (float(row["candidates"]), seconds_of(row))
             for row in rows
             if row["solver"] == solver and solved(row)
         )
@@ -135,7 +131,7 @@ def _scaling(figure: Figure, rows: Sequence[Row], looks: Mapping[str, Any]) -> N
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlabel("candidates")
-    axes.set_ylabel("seconds")
+    axes.set_ylabel("processor seconds")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper", fontsize=8)
 
 

@@ -146,7 +146,8 @@ def _camera(data: str | None) -> Suite:
         for name in coupled.split()
         for extra in [_extra(name)]
     }
-    return Suite("camera", "roads: every method and rival that can say them", cases, solvers)
+    about = "roads: every method and rival that can say them"
+    return Suite("camera", about, cases, solvers, time_limit_s=20.0)
 
 
 def _extra(name: str) -> tuple[str, ...]:
@@ -180,6 +181,7 @@ def _doptimal(data: str | None) -> Suite:
                 "pysensors",
             )
         },
+        time_limit_s=20.0,
     )
 
 
@@ -222,8 +224,8 @@ def _greedy(data: str | None) -> Suite:
             "road": ("greedy", "apricot", "submodlib"),
             "synthetic": ("greedy", "apricot", "submodlib"),
         },
-        repeats=3,
-        time_limit_s=120.0,
+        repeats=2,
+        time_limit_s=60.0,
     )
 
 
@@ -263,7 +265,7 @@ def _coverage(data: str | None) -> Suite:
                 "cvxpy-clarabel",
             )
         },
-        repeats=3,
+        repeats=2,
     )
 
 
