@@ -63,9 +63,7 @@ def some_rays(network: RoadNetwork, n: int) -> tuple[FloatArray, FloatArray]:
     """Return cameras and cars (n, 2): rays of whole mounts, spread evenly over the city."""
     order = network_order(network)
     samples = network.sample(1.0, order)
-    mounts = network_mounts(
-        network, order, samples, MountsSection(spacing_m=25.0), CameraSection(), None
-    )
+    mounts = network_mounts(network, order, MountsSection(spacing_m=25.0), CameraSection())
     at = np.column_stack([mounts.x_m, mounts.y_m])
     near: Any = cKDTree(samples.points.xy).query_ball_point(at, REACH_M, return_sorted=True)
     counts = np.array([len(rows) for rows in near])

@@ -95,7 +95,7 @@ def build_candidates(instance: Instance, road: Road) -> Candidates:
     sides = [_LEFT if side == "left" else _RIGHT for side in mounts.sides]
     if "mounts.file" in instance.files:
         sides = [_LEFT, _RIGHT]
-    poses = {side: _facing_poses(camera, kinds, side) for side in sides}
+    poses = {side: facing_poses(camera, kinds, side) for side in sides}
     if not any(poses.values()):
         raise ValueError(
             "camera.yaw_deg must hold a yaw that does not look away from the road on one of "
@@ -107,12 +107,12 @@ def build_candidates(instance: Instance, road: Road) -> Candidates:
     elif network is not None:
         steps = count_tries(network, mounts.spacing_m)
         total = steps * len(mounts.height_m) * sum(len(poses[side]) for side in sides)
-        _refuse_too_many(total, f"{steps:,} places along the streets", mounts.spacing_m)
+        refuse_too_many(total, f"{steps:,} places along the streets", mounts.spacing_m)
         at = _street_mounts(network, instance, sides)
     else:
         steps = _count_steps(road, mounts.spacing_m)
         total = steps * len(mounts.height_m) * sum(len(poses[side]) for side in sides)
-        _refuse_too_many(total, f"{steps:,} places along the road", mounts.spacing_m)
+        refuse_too_many(total, f"{steps:,} places along the road", mounts.spacing_m)
         at = _place_mounts(road, steps, instance, sides)
     if not at.free.any():
         raise ValueError(at.nowhere)
@@ -126,7 +126,7 @@ def build_candidates(instance: Instance, road: Road) -> Candidates:
             known[key] = np.array(rows, dtype=np.float64).reshape(len(rows), 4)
         menus.append(known[key])
     counts = np.array([len(menu) for menu in menus])
-    _refuse_too_many(int(counts.sum()), f"{len(menus):,} poles", mounts.spacing_m)
+    refuse_too_many(int(counts.sum()), f"{len(menus):,} poles", mounts.spacing_m)
     mount = np.repeat(np.arange(len(menus)), counts)
     rows_of = np.concatenate(menus)
     if not len(rows_of):
@@ -185,11 +185,13 @@ def _kinds(instance: Instance) -> tuple[CameraType, ...]:
     return kinds
 
 
-def _refuse_too_many(total: int, where: str, spacing_m: float) -> None:
+def refuse_too_many(total: int, where: str, spacing_m: float) -> None:
+    """Refuse more than `MOST_CANDIDATES` poses, with the figure and what to change."""
     if total > MOST_CANDIDATES:
+        wide = spacing_m * total / MOST_CANDIDATES
         raise ValueError(
             f"candidates must number at most {MOST_CANDIDATES:,}, got {total:,} ({where}): "
-            f"raise mounts.spacing_m ({spacing_m:g}) or give fewer of "
+            f"raise mounts.spacing_m ({spacing_m:g}) to {wide:.3g} or more, or give fewer of "
             "mounts.height_m, camera.yaw_deg, camera.pitch_deg, camera.fov_deg"
         )
 
@@ -211,9 +213,10 @@ def _count_steps(road: Road, spacing_m: float) -> int:
     return math.floor(gaps + 1e-6) + 1
 
 
-def _facing_poses(
+def facing_poses(
     camera: CameraSection, kinds: tuple[CameraType, ...], side: int
 ) -> list[tuple[float, float, float]]:
+    """List yaw, pitch (degrees) and kind of every pose that does not look away on `side`."""
     poses = [
         (yaw, pitch, float(kind))
         for yaw in camera.yaw_deg

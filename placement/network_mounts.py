@@ -23,13 +23,19 @@ _CHUNK = 8192
 
 
 @dataclass(frozen=True, slots=True)
-class NetworkMounts:
-    """Hold m mounts: arc length along all streets in a row, side (+1 left), place, each (m,)."""
+class StreetMounts:
+    """Hold m mounts beside the edges of a network, each array (m,).
+
+    s_m: arc length along all streets in a row; side: +1 left, −1 right; x_m, y_m: where it stands;
+    heading_rad: the street's direction there; edge: which edge that is.
+    """
 
     s_m: FloatArray
     side: IntArray
     x_m: FloatArray
     y_m: FloatArray
+    heading_rad: FloatArray
+    edge: IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +121,7 @@ def surface_of(network: RoadNetwork) -> Surface:
 
 def place_along(
     network: RoadNetwork, spacing_m: float, side_offset_m: float, sides: list[int]
-) -> tuple[NetworkMounts, int]:
+) -> tuple[StreetMounts, int]:
     """Put mounts beside every edge, `spacing_m` apart and half of that from its ends.
 
     They stand `side_offset_m` beyond the carriageway's edge on `sides` (+1 left, −1 right of the
@@ -140,14 +146,16 @@ def place_along(
         left, right = road.half_widths(s)
         lateral = side * (np.where(side > 0.0, left, right) + side_offset_m)
         at, beyond = road.offset(s, lateral), road.offset(s, lateral + side * _OFF_M)
-        columns.append(np.column_stack((begin[index] + s, side, at, beyond)))
+        heading, on = road.evaluate(s).heading_rad, np.full(len(s), float(index))
+        columns.append(np.column_stack((begin[index] + s, side, at, beyond, heading, on)))
     rows = np.vstack(columns)
     free = ~surface_of(network).covers(rows[:, 4], rows[:, 5])
     free &= ~inside_buildings(network.obstacles, rows[:, 2], rows[:, 3])
     kept = rows[free]
     kept = kept[_apart(kept[:, 2:4], min(_TWINS_M, 0.5 * spacing_m))]
-    mounts = NetworkMounts(kept[:, 0], kept[:, 1].astype(np.int64), kept[:, 2], kept[:, 3])
-    return mounts, len(rows)
+    s_m, side_of, x, y, _, _, direction, edge_of = (np.ascontiguousarray(c) for c in kept.T)
+    sides_of, edges = side_of.astype(np.int64), edge_of.astype(np.int64)
+    return StreetMounts(s_m, sides_of, x, y, direction, edges), len(rows)
 
 
 def count_tries(network: RoadNetwork, spacing_m: float) -> int:

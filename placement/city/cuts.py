@@ -57,9 +57,9 @@ def bound_trajectories(
     report = progress or (lambda _text, _fraction: None)
     rng = np.random.default_rng(seed)
     library = _Library(problem)
-    for n, share in enumerate(_BEGINNINGS):
+    for n, part in enumerate(_BEGINNINGS):
         report(f"certificate: cut {n + 1}", None)
-        library.add(chosen[: round(share * len(chosen))])
+        library.add(chosen[: round(part * len(chosen))])
     mixture = np.full((len(problem.drives), len(library)), 1.0 / len(library))
     best = np.inf
     for n in range(rounds + 1):

@@ -17,7 +17,7 @@ from models.geometry import FloatArray, IntArray
 def worths(
     indptr: IntArray,
     indices: NDArray[np.int32],
-    gains: FloatArray,
+    gains: NDArray[np.floating],
     mixture: FloatArray,
     sets: IntArray,
     worth: FloatArray,
@@ -36,7 +36,7 @@ def worths(
 def slopes(
     indptr: IntArray,
     indices: NDArray[np.int32],
-    gains: FloatArray,
+    gains: NDArray[np.floating],
     share: FloatArray,
     sets: IntArray,
     slope: FloatArray,

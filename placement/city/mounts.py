@@ -7,21 +7,19 @@ of the city: chunks of information, regions and caches all live on that.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from models.cameras import Cameras
+from models.files.catalogue import CameraType
 from models.geometry import FloatArray, IntArray
-from models.network import NetworkPoints, RoadNetwork
-from models.obstacles import Obstacles
+from models.network import RoadNetwork
 from models.projections import Projection
-from models.sight import line_of_sight
-from placement.candidates import MOST_CANDIDATES, looks_away
+from placement.candidates import facing_poses, refuse_too_many
 from placement.instance.schema import CameraSection, MountsSection
+from placement.network_mounts import count_tries, place_along
 
-_EDGE_M = 1e-6  # a mount this little inside a carriageway stands on its border (rounding)
 _RIGHT = -1
 
 
@@ -29,7 +27,8 @@ _RIGHT = -1
 class NetworkMounts:
     """Hold m mounts on the right of their carriageways, and the menu of p poses each may take.
 
-    x_m, y_m, heading_rad, s_m (m,): where each stands, the road's direction and arc length there.
+    x_m, y_m, heading_rad, s_m (m,): where each stands, the road's direction there, and arc length
+    along all streets in a row.
     edge (m,): its carriageway. poses (p, 5): height [m], yaw (relative to the road) and pitch
     [rad], fields of view [rad].
     """
@@ -79,96 +78,60 @@ def network_order(network: RoadNetwork) -> list[int]:
 
 
 def network_mounts(
-    network: RoadNetwork,
-    order: list[int],
-    samples: NetworkPoints,
-    mounts: MountsSection,
-    camera: CameraSection,
-    obstacles: Obstacles | None = None,
+    network: RoadNetwork, order: list[int], mounts: MountsSection, camera: CameraSection
 ) -> NetworkMounts:
     """Put a mount every `mounts.spacing_m` on the right of each carriageway in `order`.
 
-    Left out are mounts that would stand on some carriageway (nearer to a sample than its half
-    width there) or within a building below its roof.
+    They stand where `placement.network_mounts.place_along` puts them, on no carriageway and in no
+    building.
 
     Raises:
         ValueError: if more than 5e7 candidates or none would remain.
     """
-    from scipy.spatial import cKDTree
-
-    poses = _menu(mounts, camera)
-    spacing = mounts.spacing_m
-    total = sum(math.floor(network.edges[e].length_m / spacing) + 1 for e in order) * len(poses)
-    if total > MOST_CANDIDATES:
-        raise ValueError(
-            f"candidates must number at most {MOST_CANDIDATES:,}, got {total:,} "
-            f"({network.length_m / 1000.0:.0f} km of carriageways, {len(poses)} poses a mount): "
-            f"raise mounts.spacing_m ({spacing:g}) to {spacing * total / MOST_CANDIDATES:.3g} or "
-            "more, or give fewer of mounts.height_m, camera.yaw_deg, camera.pitch_deg, "
-            "camera.fov_deg"
-        )
-    columns: list[FloatArray] = []
-    for e in order:
-        road = network.edges[e].road
-        s = np.arange(math.floor(road.length_m / spacing + 1e-9) + 1) * spacing
-        at = road.evaluate(np.minimum(s, road.length_m))
-        _, right = road.half_widths(at.s_m)
-        lateral = right + mounts.side_offset_m
-        columns.append(
-            np.column_stack(
-                [
-                    at.x_m + lateral * np.sin(at.heading_rad),
-                    at.y_m - lateral * np.cos(at.heading_rad),
-                    at.heading_rad,
-                    at.s_m,
-                    np.full(len(s), e),
-                ]
-            )
-        )
-    x, y, heading, s_m, edge = np.concatenate(columns).T if columns else np.empty((5, 0))
-    half = np.minimum(samples.left_m, samples.right_m)
-    tree = cKDTree(samples.points.xy)
-    near = tree.query(np.column_stack([x, y]), k=8, distance_upper_bound=float(half.max()) + 1.0)
-    half = np.append(half, 0.0)
-    free = np.all(near[0] >= half[np.minimum(near[1], len(half) - 1)] - _EDGE_M, axis=1)
-    if obstacles is not None and len(obstacles) and free.any():
-        free &= line_of_sight(obstacles, x, y, mounts.height_m[0], x, y)
-    if not free.any():
+    menu = _menu(mounts, camera)
+    tries = count_tries(network, mounts.spacing_m)
+    where = f"{tries:,} places along {network.length_m / 1000.0:.0f} km of carriageways"
+    refuse_too_many(tries * len(menu), where, mounts.spacing_m)
+    at, _ = place_along(network, mounts.spacing_m, mounts.side_offset_m, [_RIGHT])
+    rank = np.full(len(network.edges), -1, dtype=np.int64)
+    rank[order] = np.arange(len(order))
+    here = np.flatnonzero(rank[at.edge] >= 0)
+    here = here[np.argsort(rank[at.edge[here]], kind="stable")]
+    if not len(here):
         raise ValueError(
             "mounts.side_offset_m must keep some mount off the carriageways and out of buildings, "
             f"got {mounts.side_offset_m:g}, which leaves none"
         )
     return NetworkMounts(
-        x_m=np.ascontiguousarray(x[free]),
-        y_m=np.ascontiguousarray(y[free]),
-        heading_rad=np.ascontiguousarray(heading[free]),
-        s_m=np.ascontiguousarray(s_m[free]),
-        edge=edge[free].astype(np.int64),
-        poses=poses,
+        x_m=at.x_m[here],
+        y_m=at.y_m[here],
+        heading_rad=at.heading_rad[here],
+        s_m=at.s_m[here],
+        edge=at.edge[here],
+        poses=menu,
         size_px=camera.resolution_px,
         projection=Projection.parse(camera.projection),
     )
 
 
 def _menu(mounts: MountsSection, camera: CameraSection) -> FloatArray:
-    rows = np.array(
-        [
-            (height, yaw, pitch, *fov)
-            for height in mounts.height_m
-            for yaw in camera.yaw_deg
-            for pitch in camera.pitch_deg
-            for fov in camera.fov_deg
-        ]
-    )
-    rows[:, 1:] = np.radians(rows[:, 1:])
-    # On the right of the road, what looks to the right looks away.
-    kept = rows[~looks_away(rows[:, 1], rows[:, 2], _RIGHT)]
-    if not len(kept):
+    width, height = camera.resolution_px
+    kinds = tuple(CameraType("", width, height, *fov, 0.0) for fov in camera.fov_deg)
+    facing = facing_poses(camera, kinds, _RIGHT)
+    if not facing:
         raise ValueError(
             "camera.yaw_deg must hold a yaw that does not look away from the road, "
             f"got {list(camera.yaw_deg)}"
         )
-    return kept
+    rows = np.array(
+        [
+            (up, yaw, pitch, *camera.fov_deg[int(kind)])
+            for up in mounts.height_m
+            for yaw, pitch, kind in facing
+        ]
+    )
+    rows[:, 1:] = np.radians(rows[:, 1:])
+    return rows
 
 
 def _middle(outline: FloatArray) -> FloatArray:

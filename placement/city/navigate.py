@@ -24,6 +24,7 @@ from placement.information.chunks import Chunk
 from placement.objectives.windows.filter import add_rows, empty_messages, filter_forward
 
 Report = Callable[[str, float | None], None]
+Messages = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 _SHARE = 4096  # candidates, or a run of drives, that a thread takes at one time
 
 
@@ -109,7 +110,7 @@ class Trajectories:
         self.renew()
 
     @property
-    def messages(self) -> tuple[FloatArray, ...]:
+    def messages(self) -> Messages:
         """What the kernels take: total, before, later, own, rest."""
         return self.total, self.before, self.later, self.own, self.rest
 

@@ -225,19 +225,19 @@ def absorb(
     renewed = 0
     e, stop = indptr[i], indptr[i + 1]
     while e < stop:
-        first = last = np.int64(indices[e])
+        first = last = int(indices[e])
         drive = owner[first]
         while e < stop and owner[indices[e]] == drive:
-            last = np.int64(indices[e])
+            last = int(indices[e])
             ja, jc, jb = block_of(blocks, e)
             f = frames[last]
             total[last, 0] += f * ja
             total[last, 1] += f * jc
             total[last, 2] += f * jb
             e += 1
-        low, high = first, last + 1
+        low = high = first
         g = row6(later, last)
-        for t in range(last, start[drive], -1):
+        for t in range(last, int(start[drive]), -1):
             g = _earlier(g, total, steps, t)
             if t <= first and _same(g, later, t - 1):
                 break
