@@ -121,6 +121,7 @@ def solve_into(
         from placement.solve import solve
 
         curve: dict[str, Content] = {}
+        interrupted: Solution | None = None
         if instance.road.constructed is not None and instance.road.constructed.pieces is None:
             from placement.construction import choose_road
 
@@ -128,8 +129,11 @@ def solve_into(
                 instance, method, time_limit_s=time_limit_s, seed=seed, progress=report
             )
             instance, curve = choice.instance, _front_files(choice)
+            interrupted = choice.so_far()
         scene = assemble(instance, work)
-        if budgets is None:
+        if interrupted is not None:
+            solution = interrupted
+        elif budgets is None:
             solution = solve(
                 scene.problem,
                 method,

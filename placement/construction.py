@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -17,8 +17,9 @@ from placement.assemble import assemble
 from placement.constraints import Infeasible
 from placement.constructed import roads_of, section_of, with_road
 from placement.instance import Instance
+from placement.interrupts import asked_to_stop, stop_on_request
 from placement.prediction import predict
-from placement.solution import Solution
+from placement.solution import Solution, Status
 from placement.solve import solve
 
 # What cameras cost decides nothing where the number of cameras is given: then the error does.
@@ -53,7 +54,8 @@ class Choice:
     """Hold every road judged, which are on the Pareto front, and which one is built.
 
     `measure` names what stands against the length: "error_m2" for a given number of cameras,
-    "cameras" where as few as keep a tolerance are placed.
+    "cameras" where as few as keep a tolerance are placed. `interrupted`: Ctrl-C came before every
+    road was judged.
     """
 
     construction: Construction
@@ -61,6 +63,15 @@ class Choice:
     front: tuple[bool, ...]
     chosen: int
     measure: str
+    interrupted: bool = False
+
+    def so_far(self) -> Solution | None:
+        """Return what Ctrl-C leaves: the chosen road's placement; None if nobody interrupted."""
+        solution = self.judged[self.chosen].solution
+        if not self.interrupted or solution is None:
+            return None
+        stats = {**solution.stats, "stopped_by": "interrupt"}
+        return replace(solution, status=Status.TIME_LIMIT, stats=stats)
 
     @property
     def instance(self) -> Instance:
@@ -109,20 +120,29 @@ def choose_road(
     `choose` = "error" takes the least error (or the fewest cameras for a tolerance), "length" the
     shortest, "cost" the cheapest by `cost_per_m` and the cameras' costs, "knee" the one on the
     Pareto front that is nearest to both its ends' best, each scaled to the front's range. Ties go
-    to the shorter road. `auto` judges by `search`; the time limit is shared evenly.
+    to the shorter road. `auto` judges by `search`; the time limit is shared evenly. Ctrl-C while
+    roads are judged chooses among those that were.
 
     Raises:
         ValueError: what is wrong with the site, why there is no road, or that along no road
             cameras can be placed.
+        KeyboardInterrupt: for Ctrl-C before there is a road with cameras.
     """
     deadline = time.monotonic() + time_limit_s
     construction = roads_of(instance, progress)
     roads = _picked(construction.roads, section_of(instance).most_roads)
     judged: list[Judged] = []
-    for n, road in enumerate(roads):
-        progress(f"placing cameras along road {n + 1} of {len(roads)}", n / len(roads))
-        share = max(0.0, deadline - time.monotonic()) / (len(roads) - n)
-        judged.append(judge(with_road(instance, road), road, method, time_limit_s=share, seed=seed))
+    with stop_on_request():
+        for n, road in enumerate(roads):
+            progress(f"placing cameras along road {n + 1} of {len(roads)}", n / len(roads))
+            share = max(0.0, deadline - time.monotonic()) / (len(roads) - n)
+            one = judge(with_road(instance, road), road, method, time_limit_s=share, seed=seed)
+            judged.append(one)
+            if asked_to_stop():
+                break
+        interrupted = asked_to_stop()
+    if interrupted and all(one.solution is None for one in judged):
+        raise KeyboardInterrupt
     if all(one.solution is None for one in judged):
         raise ValueError(judged[0].why)
     measure = "cameras" if instance.objective.kind == FEWEST else "error_m2"
@@ -133,7 +153,7 @@ def choose_road(
     front = pareto(length, second)
     cost = np.array([one.cost for one in judged])
     chosen = _chosen(section_of(instance).choose, length, second, cost, front)
-    return Choice(construction, tuple(judged), tuple(front.tolist()), chosen, measure)
+    return Choice(construction, tuple(judged), tuple(front.tolist()), chosen, measure, interrupted)
 
 
 def judge(

@@ -7,6 +7,7 @@ judged by every objective and driven in the closed loop.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,14 +19,16 @@ import pandas as pd
 from models.geometry import FloatArray, IntArray
 from placement.assemble import Scene, assemble
 from placement.atomic import prepare_folder, write_files
-from placement.instance import instance_from_dict
+from placement.instance import Instance, instance_from_dict
 from placement.objectives.base import Objective
 from placement.problem import Problem
-from placement.solution import Solution
+from placement.roadway import build_road
+from placement.solution import Solution, Status
 from placement.solve import solve
 from placement.validation import validate
 from reports import camera_sets_figures as figures
 from reports.camera_sets_rank import diminishing_returns, rank_correlations
+from reports.parts import Parts
 from reports.study_files import study_files
 
 ROADS: dict[str, list[dict[str, Any]]] = {
@@ -53,13 +56,23 @@ OBJECTIVES: dict[str, dict[str, str]] = {
     "lateral": {"kind": "trace", "weight": "lateral"},
     "final_entropy": {"kind": "final_entropy"},
 }
-QUICK_METHODS = ("greedy", "exchange", "search", "cascade", "uniform", "random")
-SLOW_METHODS = ("auto", "relaxation", "hill-climb")
+METHODS = ("greedy", "exchange", "search", "cascade", "uniform", "random")
+SLOW_METHODS = ("relaxation", "hill-climb")
 BUDGETS = tuple(range(1, 21))
 SLOW_BUDGETS = (1, 2, 5, 10, 20)
-DRIVEN = ("auto", "greedy", "exchange", "cascade", "uniform", "random")
+# The methods that prove would be stopped by the clock for more cameras, and tables that depend on
+# how fast a machine is cannot be compared: so they are asked only what they end by themselves,
+# and along a road of kilometres only for `localisation`.
+PROOFS: dict[str, tuple[tuple[str, ...], tuple[int, ...]]] = {
+    "localisation": (("auto", "mip"), (1, 2)),
+    "entropy": (("auto",), (1, 2)),
+    "trace": (("auto",), (1,)),
+    "lateral": (("auto",), (1,)),
+}
+LONG_M = 500.0
+SAFETY_S = 300.0  # a proof that took so long would have the status `time_limit`
+DRIVEN = ("search", "greedy", "exchange", "cascade", "uniform", "random")
 DRIVEN_BUDGETS = (2, 5, 10, 20)
-LIMIT_S = 20.0  # far more than any case here takes, so that the clock decides nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,12 +83,14 @@ class Effort:
     slow_budgets: tuple[int, ...] = SLOW_BUDGETS
     driven_budgets: tuple[int, ...] = DRIVEN_BUDGETS
     slow_methods: tuple[str, ...] = SLOW_METHODS
-    runs: int = 100
+    runs: int = 50
     triples: int = 2000
-    random_sets: int = 30
+    random_sets: int = 24
 
 
 QUICK = Effort((2, 5), (2,), (2, 5), ("relaxation",), 10, 1000, 5)
+# Along a road of kilometres everything takes ten times as long.
+LONG = Effort((1, 2, 5, 10, 20), (2, 5, 20), (5, 20), ("relaxation",), 20, 1000, 12)
 
 
 def run(
@@ -84,6 +99,7 @@ def run(
     quick: bool = False,
     seed: int = 0,
     roads: Sequence[Path] = (),
+    parts: Parts | None = None,
     progress: Callable[[str, float | None], None] = lambda _text, _fraction: None,
 ) -> None:
     """Write `values.csv`, `closed_loop.csv`, `ranks.csv`, `diminishing.csv` and their figures.
@@ -92,52 +108,66 @@ def run(
     `out_dir` that cannot be written.
     """
     prepare_folder(out_dir)
-    effort = QUICK if quick else Effort()
-    scenes = scenes_of(["hairpin"] if quick else list(ROADS), roads)
-    values: list[dict[str, Any]] = []
-    driven: list[dict[str, Any]] = []
-    diminishing: list[dict[str, Any]] = []
-    for n, (road, scene) in enumerate(scenes.items()):
-        problems = problems_of(scene)
+    parts = parts or Parts()
+    asked = instances_of(["hairpin"] if quick else list(ROADS), roads)
+    efforts = {r: _effort(instance, quick) for r, instance in asked.items()}
 
-        def tell(text: str, share: float, n: int = n, road: str = road) -> None:
-            progress(f"camera sets: {road}, {text}", (n + share) / len(scenes))
+    def tell(begin: float, end: float) -> Callable[[str, float], None]:
+        return lambda name, share: progress(f"camera sets: {name}", begin + (end - begin) * share)
 
-        found = _solve_all(road, problems, effort, seed, tell, values)
-        sets = _sets_to_drive(found, scene, effort, seed)
-        for m, ((kind, method, k), selected) in enumerate(sets.items()):
-            tell(f"driving {k} cameras", 0.7 + 0.2 * m / len(sets))
-            row = {"road": road, "placed_for": kind, "method": method, "k": k}
-            driven.append({**row, **_judge(scene, problems, selected, effort.runs, seed)})
-        tell("diminishing returns", 0.9)
-        for name, problem in problems.items():
-            rng = np.random.default_rng([seed, n])
-            returns = diminishing_returns(
-                problem.objective, scene.candidates.mount, effort.triples, rng
+    found = parts.compute(
+        _solve_all,
+        {f"{r}, {o}": (asked[r], o, efforts[r], seed) for r in asked for o in OBJECTIVES},
+        tell(0.0, 0.5),
+    )
+    values = [row for each in found for row in each]
+    driven = parts.compute(
+        _drive_all,
+        {
+            f"driving {k} cameras along {r}": (
+                asked[r], k, _sets_found(values, r, k), efforts[r], seed
             )
-            diminishing.append({"road": road, "objective": name, **returns})
+            for r in asked
+            for k in efforts[r].driven_budgets
+        },
+        tell(0.5, 0.9),
+    )  # fmt: skip
+    diminishing = parts.compute(
+        _diminishing,
+        {
+            f"returns along {r}": (asked[r], efforts[r].triples, [seed, n])
+            for n, r in enumerate(asked)
+        },
+        tell(0.9, 1.0),
+    )
+    closed_loop = pd.DataFrame([row for each in driven for row in each])
     tables = {
-        "values": pd.DataFrame(values),
-        "closed_loop": pd.DataFrame(driven),
-        "ranks": rank_correlations(pd.DataFrame(driven), list(OBJECTIVES)),
-        "diminishing": pd.DataFrame(diminishing),
+        "values": pd.DataFrame(values).drop(columns="selected"),
+        "closed_loop": closed_loop,
+        "ranks": rank_correlations(closed_loop, list(OBJECTIVES)),
+        "diminishing": pd.DataFrame([row for each in diminishing for row in each]),
     }
     write_files(out_dir, study_files(tables, figures.draw(tables)))
 
 
-def scenes_of(names: Sequence[str], roads: Sequence[Path]) -> dict[str, Scene]:
-    """Assemble the named roads of `ROADS` and those of the files `roads`, all with `GRID`."""
+def _effort(instance: Instance, quick: bool) -> Effort:
+    if quick:
+        return QUICK
+    return LONG if build_road(instance).length_m > LONG_M else Effort()
+
+
+def instances_of(names: Sequence[str], roads: Sequence[Path]) -> dict[str, Instance]:
+    """Return the named roads of `ROADS` and those of the files `roads`, all with `GRID`."""
     documents: dict[str, dict[str, Any]] = {
         name: {"road": {"pieces": ROADS[name]}} for name in names
     }
     documents |= {
         path.name.split(".")[0].lower(): {"road": {"file": str(path.resolve())}} for path in roads
     }
-    scenes = {}
-    for name, document in documents.items():
-        instance = instance_from_dict({**document, **GRID, "budget": {"cameras": 20}}, name=name)
-        scenes[name] = assemble(instance)
-    return scenes
+    return {
+        name: instance_from_dict({**document, **GRID, "budget": {"cameras": 20}}, name=name)
+        for name, document in documents.items()
+    }
 
 
 def problems_of(scene: Scene) -> dict[str, Problem]:
@@ -152,64 +182,83 @@ def problems_of(scene: Scene) -> dict[str, Problem]:
     return problems
 
 
-Found = dict[tuple[str, str, int], tuple[int, ...]]
-
-
-def _solve_all(
-    road: str,
-    problems: Mapping[str, Problem],
-    effort: Effort,
-    seed: int,
-    tell: Callable[[str, float], None],
-    rows: list[dict[str, Any]],
-) -> Found:
-    found: Found = {}
-    jobs = [
-        (name, method, k)
-        for name in problems
-        for method in (*QUICK_METHODS, *effort.slow_methods)
-        for k in (effort.budgets if method in QUICK_METHODS else effort.slow_budgets)
-    ]
-    for n, (name, method, k) in enumerate(jobs):
-        tell(f"{name} by {method}, {k} cameras", 0.7 * n / len(jobs))
-        problem = problems[name]
-        problem = replace(problem, constraints=replace(problem.constraints, budget=k))
-        row = {"road": road, "objective": name, "method": method, "k": k}
+def _solve_all(instance: Instance, name: str, effort: Effort, seed: int) -> list[dict[str, Any]]:
+    """Optimise one objective along one road by every method for every number of cameras."""
+    problem = problems_of(assemble(instance))[name]
+    proofs, few = PROOFS.get(name, ((), ()))
+    if effort == LONG and name != "localisation":
+        proofs = ()
+    jobs = [(method, k) for method in METHODS for k in effort.budgets]
+    jobs += [(method, k) for method in effort.slow_methods for k in effort.slow_budgets]
+    jobs += [(method, k) for method in proofs for k in few if k in effort.slow_budgets]
+    rows = []
+    for method, k in jobs:
+        constraints = replace(problem.constraints, budget=k)
+        row = {"road": instance.name, "objective": name, "method": method, "k": k}
         try:
-            solution = solve(problem, method, time_limit_s=LIMIT_S, seed=seed)
+            solution = solve(
+                replace(problem, constraints=constraints), method,
+                time_limit_s=SAFETY_S if method in proofs else math.inf, seed=seed,
+            )  # fmt: skip
         except ValueError as error:  # the method does not know the objective: a row that says so
-            rows.append({**row, "status": str(error).split(",")[0]})
+            rows.append({**row, "status": str(error).split(",")[0], "selected": []})
             continue
         rows.append({**row, **_solution_row(solution)})
-        if solution.status.has_placement:
-            found[name, method, k] = solution.selected
-    return found
+    return rows
 
 
 def _solution_row(solution: Solution) -> dict[str, Any]:
+    optimal = solution.status is Status.OPTIMAL  # to a millionth: how near depends on the clock
     return {
         "status": str(solution.status),
         "value": solution.value,
-        "bound": solution.bound,
-        "gap_percent": None if solution.gap is None else 100.0 * solution.gap,
+        "bound": solution.value if optimal else solution.bound,
+        "gap_percent": 0.0 if optimal else None if solution.gap is None else 100.0 * solution.gap,
+        "selected": list(solution.selected) if solution.status.has_placement else [],
     }
 
 
-def _sets_to_drive(found: Found, scene: Scene, effort: Effort, seed: int) -> Found:
-    """Choose what is driven: what methods found, and random sets, none twice."""
-    sets: Found = {}
-    seen: set[tuple[int, ...]] = set()
-    for (kind, method, k), selected in found.items():
-        wanted = method in DRIVEN or method == effort.slow_methods[0]
-        if wanted and k in effort.driven_budgets and selected not in seen:
-            seen.add(selected)
-            sets[kind, method, k] = selected
-    rng = np.random.default_rng(seed)
+Chosen = tuple[str, str, tuple[int, ...]]  # the objective placed for, the method, the cameras
+
+
+def _sets_found(rows: Sequence[dict[str, Any]], road: str, k: int) -> list[Chosen]:
+    """Return what methods found for k cameras along one road, no set twice."""
+    sets: dict[tuple[int, ...], Chosen] = {}
+    for row in rows:
+        if row["road"] == road and row["k"] == k and row["method"] in DRIVEN and row["selected"]:
+            selected = tuple(row["selected"])
+            sets.setdefault(selected, (row["objective"], row["method"], selected))
+    return list(sets.values())
+
+
+def _drive_all(
+    instance: Instance, k: int, sets: Sequence[Chosen], effort: Effort, seed: int
+) -> list[dict[str, Any]]:
+    """Judge sets of k cameras, and as many random ones, by every objective and by driving."""
+    scene = assemble(instance)
+    problems = problems_of(scene)
+    rng = np.random.default_rng([seed, k])
     mount = scene.candidates.mount
-    for k in effort.driven_budgets:
-        for n in range(effort.random_sets):
-            sets["nothing", f"random {n}", k] = _random_set(mount, k, rng)
-    return sets
+    loose: list[Chosen] = [
+        ("nothing", f"random {n}", _random_set(mount, k, rng)) for n in range(effort.random_sets)
+    ]
+    return [
+        {"road": instance.name, "placed_for": objective, "method": method, "k": k}
+        | _judge(scene, problems, selected, effort.runs, seed)
+        for objective, method, selected in (*sets, *loose)
+    ]
+
+
+def _diminishing(instance: Instance, triples: int, seeds: Sequence[int]) -> list[dict[str, Any]]:
+    """Sample diminishing returns of every objective along one road, on the same sets."""
+    scene = assemble(instance)
+    return [
+        {"road": instance.name, "objective": name}
+        | diminishing_returns(
+            problem.objective, scene.candidates.mount, triples, np.random.default_rng(seeds)
+        )
+        for name, problem in problems_of(scene).items()
+    ]
 
 
 def _random_set(mount: IntArray, k: int, rng: np.random.Generator) -> tuple[int, ...]:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from reports.style import CYCLE, GREY, style
 
-SHOWN = ("auto", "exchange", "greedy", "cascade", "uniform", "random")
+SHOWN = ("search", "exchange", "greedy", "cascade", "uniform", "random")
 
 
 def draw(tables: Mapping[str, pd.DataFrame]) -> dict[str, Figure]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from placement.instance import Instance, instance_from_dict, load_instance
 from placement.solve import solve
 from placement.validation import Validation, validate
 from reports.consistency import draw_nees
+from reports.parts import Parts
 from reports.study_files import study_files
 from reports.style import style
 
@@ -67,6 +68,7 @@ def run(
     quick: bool = False,
     seed: int = 0,
     roads: Sequence[Path] = (),
+    parts: Parts | None = None,
     progress: Callable[[str, float | None], None] = lambda _text, _fraction: None,
 ) -> None:
     """Write `dead_reckoning.csv`, `consistency.csv`, `prediction.csv` and a figure a road.
@@ -76,30 +78,32 @@ def run(
     cannot be written.
     """
     prepare_folder(out_dir)
+    parts = parts or Parts()
     share = 10 if quick else 1
-    progress("closed loop: dead reckoning", 0.0)
-    drift = dead_reckoning(tuple(max(20, n // share) for n in DEAD_RECKONING_RUNS), seed)
-    rows: list[pd.DataFrame] = []
-    predictions: list[dict[str, Any]] = []
+    [drift] = parts.compute(
+        dead_reckoning,
+        {"dead reckoning": (tuple(max(20, n // share) for n in DEAD_RECKONING_RUNS), seed)},
+        lambda name, _share: progress(f"closed loop: {name}", 0.1),
+    )
+    driven = {
+        f"{base.name}, {case.name}": (base, case, share, seed)
+        for base in _instances(roads)
+        for case in CASES
+    }
+    found = parts.compute(
+        _drive, driven, lambda name, done: progress(f"closed loop: {name}", 0.1 + 0.9 * done)
+    )
     figures: dict[str, Figure] = {}
-    bases = _instances(roads)
-    total = len(bases) * len(CASES)
-    for n, (setting, case, validation) in enumerate(
-        _validations(bases, max(20, RUNS // share), seed)
-    ):
-        name = setting.scene.instance.name
-        progress(f"closed loop: {name}, {case.name}", n / total)
-        rows.append(_consistency(name, case, validation))
-        if case.name == CASES[0].name:
-            predictions.append(_prediction(setting, validation, share, seed))
-            with style():
+    with style():
+        for each in found:
+            if "profile" in each:
                 figure = Figure(figsize=(8.0, 3.6))
-                draw_nees(figure.subplots(), validation.profile)
-            figures[f"nees_{name}"] = figure
+                draw_nees(figure.subplots(), each["profile"])
+                figures[f"nees_{each['prediction']['instance']}"] = figure
     tables = {
         "dead_reckoning": drift,
-        "prediction": pd.DataFrame(predictions),
-        "consistency": pd.concat(rows, ignore_index=True),
+        "prediction": pd.DataFrame([each["prediction"] for each in found if "profile" in each]),
+        "consistency": pd.concat([each["consistency"] for each in found], ignore_index=True),
     }
     progress("closed loop: writing", None)
     write_files(out_dir, study_files(tables, figures))
@@ -175,18 +179,19 @@ def _instances(roads: Sequence[Path]) -> list[Instance]:
     return [base.changed(PLACED_FOR) for base in (*map(load_instance, INSTANCES), *given)]
 
 
-def _validations(
-    bases: Sequence[Instance], runs: int, seed: int
-) -> Iterator[tuple[Setting, Case, Validation]]:
-    """Drive every case of every instance; greedy places the cameras once for each, in a second."""
-    for base in bases:
-        scene = assemble(base)
-        selected = solve(scene.problem, "greedy").selected
-        for case in CASES:
-            # what drives reads the instance, not the information precomputed from it
-            changed = replace(scene, instance=base.changed(case.changes))
-            driven = validate(changed, selected, runs=runs, seed=seed, **case.options)
-            yield Setting(scene, selected), case, driven
+def _drive(base: Instance, case: Case, share: int, seed: int) -> dict[str, Any]:
+    """Drive one case of one instance; greedy places its cameras in a second."""
+    scene = assemble(base)
+    setting = Setting(scene, solve(scene.problem, "greedy").selected)
+    # what drives reads the instance, not the information precomputed from it
+    changed = replace(scene, instance=base.changed(case.changes))
+    runs = max(20, RUNS // share)
+    driven = validate(changed, setting.selected, runs=runs, seed=seed, **case.options)
+    row: dict[str, Any] = {"consistency": _consistency(base.name, case, driven)}
+    if case.name == CASES[0].name:
+        row["prediction"] = _prediction(setting, driven, share, seed)
+        row["profile"] = driven.profile
+    return row
 
 
 def _prediction(setting: Setting, validation: Validation, share: int, seed: int) -> dict[str, Any]:

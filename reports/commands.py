@@ -3,22 +3,35 @@
 from __future__ import annotations
 
 import importlib
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from reports.roads import register as register_roads
 
+if TYPE_CHECKING:
+    from reports.all_studies import Given
+
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """Say where a study lives (`module:function`) and what it answers."""
+    """Say where a study lives (`module:function`) and what it answers.
+
+    `without_roads` is what its page says where no `--road` was given; None: it takes none.
+    """
 
     target: str
     summary: str
+    without_roads: str | None = None
+
+    @property
+    def takes_roads(self) -> bool:
+        """Whether the study takes further roads from files."""
+        return self.without_roads is not None
 
     def load(self) -> Callable[..., None]:
         """Import the study: only now, so that no command pays for what it does not use."""
@@ -39,6 +52,7 @@ STUDIES: dict[str, Study] = {
     "camera-sets": Study(
         "reports.camera_sets:run",
         "what each method finds for 1 to 20 cameras, and which objective foretells the car",
+        "Without --road, only roads of our own: a race track such as the Norisring was left out",
     ),
     "construction": Study(
         "reports.construction:run",
@@ -55,6 +69,7 @@ STUDIES: dict[str, Study] = {
     "closed-loop": Study(
         "reports.closed_loop:run",
         "how far dead reckoning drifts, and which filter's covariance tells the truth",
+        "Without --road, only the shipped instances were driven",
     ),
 }
 
@@ -70,41 +85,82 @@ def report(
     out: Annotated[Path, typer.Option(help="The folder the CSV files and figures go to.")],
     quick: Annotated[bool, typer.Option("--quick", help="Fewer samples, the same files.")] = False,
     seed: Annotated[int, typer.Option(min=0, help="Seed of everything random.")] = 0,
+    road: Annotated[
+        list[Path] | None,
+        typer.Option(help="A file of one more road, for camera-sets and closed-loop; repeatable."),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Parts computed at a time; one a core by default.")
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
 ) -> None:
     """Run one study, or all: CSV files, figures and a page into --out.
 
-    `all` gives each study a folder, and skips those that an earlier run finished.
+    `all` gives each study a folder. After Ctrl-C the same command goes on where it was stopped;
+    studies that an earlier run finished are left as they are.
     """
     from placement.atomic import prepare_folder
+    from placement.cli import EXIT_UNSOLVED
     from placement.watch import watch
+    from reports.all_studies import Given, run_all
+    from reports.parts import work_for
 
     if study not in STUDIES and study != "all":
         raise ValueError(f"study must be one of {', '.join([*STUDIES, 'all'])}, got {study!r}")
+    chosen = STUDIES if study == "all" else {study: STUDIES[study]}
+    roads = tuple(road or ())
+    if roads and not any(each.takes_roads for each in chosen.values()):
+        raise ValueError(f"--road is for {', '.join(_with_roads())}, got the study {study}")
     prepare_folder(out)
-    with watch(quiet) as progress:
-        if study == "all":
-            from reports.all_studies import run_all
-
-            run_all(STUDIES, out, quick=quick, seed=seed, progress=progress)
-        else:
-            run_study(study, out, quick=quick, seed=seed, progress=progress)
+    work = work_for(workers or _cores())
+    try:
+        with watch(quiet) as progress:
+            given = Given(quick=quick, seed=seed, roads=roads, work=work)
+            if study == "all":
+                run_all(STUDIES, out, given, progress)
+            else:
+                run_study(study, out, given, progress)
+    except KeyboardInterrupt:
+        typer.echo("placement: interrupted; the same command goes on from here", err=True)
+        raise typer.Exit(EXIT_UNSOLVED) from None
+    finally:
+        work.close()
     if not quiet:
         typer.echo(f"results in {out}")
 
 
+def _with_roads() -> list[str]:
+    return [name for name, study in STUDIES.items() if study.takes_roads]
+
+
+def _cores() -> int:
+    """Return the cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def run_study(
-    name: str,
-    out: Path,
-    *,
-    quick: bool,
-    seed: int,
-    progress: Callable[[str, float | None], None],
+    name: str, out: Path, given: Given, progress: Callable[[str, float | None], None]
 ) -> None:
-    """Run the study `name` into `out` and write its page over what it wrote."""
-    from placement.atomic import write_files
+    """Run the study `name` into `out` and write its page over what it wrote.
+
+    Its parts are kept in `out/parts` until it is finished, so that a run that was stopped goes on.
+    """
+    import json
+    import shutil
+
+    from placement.atomic import prepare_folder, write_files
+    from reports.all_studies import FINISHED
     from reports.page.study_page import study_page
+    from reports.parts import Parts, folder_for
 
     study = STUDIES[name]
-    study.load()(out, quick=quick, seed=seed, progress=progress)
-    write_files(out, {"index.html": study_page(name, study.summary, out)})
+    roads = given.roads if study.takes_roads else ()
+    mark = given.mark(name, roads)
+    prepare_folder(out)
+    (out / FINISHED).unlink(missing_ok=True)
+    parts = Parts(given.work, folder_for(out / "parts", mark))
+    more: dict[str, Any] = {"roads": roads} if study.takes_roads else {}
+    study.load()(out, quick=given.quick, seed=given.seed, parts=parts, progress=progress, **more)
+    page = study_page(name, study.summary, out, None if roads else study.without_roads)
+    write_files(out, {"index.html": page, FINISHED: json.dumps(mark, indent=2) + "\n"})
+    shutil.rmtree(out / "parts", ignore_errors=True)

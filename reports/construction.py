@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from matplotlib.figure import Figure
 
 from placement.assemble import assemble
 from placement.atomic import prepare_folder, write_files
@@ -15,6 +14,7 @@ from placement.construction import Choice, Judged, choose_road, judge
 from placement.instance import Instance, instance_from_dict
 from placement.validation import validate
 from reports.construction_figures import draw_choice, draw_counts
+from reports.parts import Parts
 from reports.study_files import study_files
 
 CAMERAS = 6
@@ -112,6 +112,7 @@ def run(
     *,
     quick: bool = False,
     seed: int = 0,
+    parts: Parts | None = None,
     progress: Callable[[str, float | None], None] = lambda _text, _fraction: None,
 ) -> None:
     """Write the roads, their errors by number of cameras, the closed loop and figures.
@@ -121,32 +122,40 @@ def run(
     """
     prepare_folder(out_dir)
     names = list(MAPS)[:2] if quick else list(MAPS)
-    counts = COUNTS[::2] if quick else COUNTS
-    roads, by_count, driven = [], [], []
-    figures: dict[str, Figure] = {}
-    for n, name in enumerate(names):
-        progress(f"construction: {name}", n / len(names))
-        choice = choose_road(
-            instance_of(name, quick=quick), "greedy" if quick else METHOD, seed=seed
-        )
-        table = choice.table()
-        table.insert(0, "map", name)
-        roads.append(table)
-        by_count.append(_counts(name, choice, counts, seed))
-        progress(f"construction: driving {name}", (n + 0.7) / len(names))
-        driven.append(_driven(name, choice, 20 if quick else RUNS, seed))
-        title = f"{name}: {CAMERAS} cameras, each road its own best"
-        figures[f"construction_{name}"] = draw_choice(choice, title=title)
-    counted = pd.concat(by_count, ignore_index=True)
-    figures["construction_counts"] = draw_counts(counted)
+    found = (parts or Parts()).compute(
+        _map,
+        {name: (out_dir, name, quick, seed) for name in names},
+        lambda name, share: progress(f"construction: {name}", share),
+    )
+
+    def together(key: str) -> pd.DataFrame:
+        return pd.concat([each[key] for each in found], ignore_index=True)
+
+    counted = together("counts")
     tables = {
-        "construction_roads": pd.concat(roads, ignore_index=True),
+        "construction_roads": together("roads"),
         "construction_counts": counted,
         "construction_needed": _needed(counted),
-        "construction_driven": pd.concat(driven, ignore_index=True),
+        "construction_driven": together("driven"),
     }
     progress("construction: writing", None)
-    write_files(out_dir, study_files(tables, figures))
+    write_files(out_dir, study_files(tables, {"construction_counts": draw_counts(counted)}))
+
+
+def _map(out_dir: Path, name: str, quick: bool, seed: int) -> dict[str, pd.DataFrame]:
+    """Find and judge the roads of one map, drive the one chosen, and draw them."""
+    choice = choose_road(instance_of(name, quick=quick), "greedy" if quick else METHOD, seed=seed)
+    roads = choice.table()
+    roads.insert(0, "map", name)
+    title = f"{name}: {CAMERAS} cameras, each road its own best"
+    write_files(
+        out_dir, study_files({}, {f"construction_{name}": draw_choice(choice, title=title)})
+    )
+    return {
+        "roads": roads,
+        "counts": _counts(name, choice, COUNTS[::2] if quick else COUNTS, seed),
+        "driven": _driven(name, choice, 20 if quick else RUNS, seed),
+    }
 
 
 def _counts(name: str, choice: Choice, counts: tuple[int, ...], seed: int) -> pd.DataFrame:

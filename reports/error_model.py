@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from placement.atomic import prepare_folder, write_files
 from reports import error_figures, error_tables
+from reports.parts import Parts
 from reports.study_files import study_files
 from reports.style import style
 
@@ -23,6 +24,7 @@ def run(
     *,
     quick: bool = False,
     seed: int = 0,
+    parts: Parts | None = None,
     progress: Callable[[str, float | None], None] = lambda _text, _fraction: None,
 ) -> None:
     """Write the study's CSV files and figures (PNG and SVG) into `out_dir`.
@@ -31,17 +33,25 @@ def run(
     `quick` draws a tenth of the samples. Raises ValueError where the folder cannot be written.
     """
     prepare_folder(out_dir)
-    tables: dict[str, pd.DataFrame] = {}
-    figures: dict[str, Figure] = {}
     makers = _tables(quick)
-    for n, (name, (make, draw)) in enumerate(makers.items()):
-        progress(f"error model: {name}", n / len(makers))
-        tables[name] = make(np.random.default_rng([seed, n]))
-        if draw is not None:
-            with style():
-                figures[name] = draw(tables[name])
+    made = (parts or Parts()).compute(
+        _table,
+        {name: (name, quick, seed) for name in makers},
+        lambda name, share: progress(f"error model: {name}", share),
+    )
+    tables: dict[str, pd.DataFrame] = dict(zip(makers, made, strict=True))
+    with style():
+        figures = {
+            name: draw(tables[name]) for name, (_, draw) in makers.items() if draw is not None
+        }
     progress("error model: writing", None)
     write_files(out_dir, study_files(tables, figures))
+
+
+def _table(name: str, quick: bool, seed: int) -> pd.DataFrame:
+    """Make one table, with a stream of random numbers of its own."""
+    makers = _tables(quick)
+    return makers[name][0](np.random.default_rng([seed, list(makers).index(name)]))
 
 
 Maker = Callable[[np.random.Generator], pd.DataFrame]

@@ -24,6 +24,7 @@ from placement.instance import load_instance
 from placement.prediction import predict
 from placement.solve import solve
 from placement.validation import validate
+from reports.parts import Parts
 from reports.solution_map import draw_map
 from reports.study_files import study_files
 from reports.style import CYCLE, GREY, style
@@ -33,8 +34,8 @@ ARMS = ("east", "north", "west", "south")  # anticlockwise
 # Trips a movement, as counted at a crossing where most drive straight on.
 TRIPS = {"straight": 4, "right": 2, "left": 2}
 BUDGETS = (1, 2, 3, 4, 6, 8, 12)
-METHODS = ("auto", "exchange", "greedy", "uniform", "random")
-LIMIT_S = 20.0
+METHODS = ("search", "exchange", "greedy", "relaxation", "uniform", "random")
+QUICK_METHODS = ("exchange", "greedy", "uniform")
 
 
 def run(
@@ -42,49 +43,61 @@ def run(
     *,
     quick: bool = False,
     seed: int = 0,
+    parts: Parts | None = None,
     progress: Callable[[str, float | None], None] = lambda _text, _fraction: None,
 ) -> None:
     """Write the crossing's files, `values.csv`, `movements.csv` and two figures into `out_dir`.
 
     `movements.csv` has a row for each k and movement: predicted and driven error of the placement
-    that `auto` found for all of them together. Raises ValueError where the folder cannot be
-    written.
+    that `search` found for all of them together. No method is stopped by the clock. Raises
+    ValueError where the folder cannot be written.
     """
     prepare_folder(out_dir)
     write_files(out_dir, crossing_files())
-    scene = assemble(load_instance(out_dir / "crossing.toml"))
     budgets = (2, 4) if quick else BUDGETS
-    methods = ("exchange", "greedy", "uniform") if quick else METHODS
-    runs = 10 if quick else 100
-    rows: list[dict[str, Any]] = []
-    ways: list[pd.DataFrame] = []
-    drawn: Result | None = None
-    for n, k in enumerate(budgets):
-        for m, method in enumerate(methods):
-            share = (n + m / (len(methods) + 1)) / len(budgets)
-            progress(f"intersection: {method}, {k} cameras", share)
-            solution = solve(with_budget(scene, k).problem, method, time_limit_s=LIMIT_S, seed=seed)
-            gap = None if solution.gap is None else 100.0 * solution.gap
-            rows.append(
-                {
-                    "k": k,
-                    "method": method,
-                    "trace_m2": solution.value,
-                    "bound_m2": solution.bound,
-                    "gap_percent": gap,
-                }
-            )
-            if m == 0:
-                ways.append(_movements(scene, solution.selected, k, runs, seed))
-                if k == 4:
-                    drawn = Result(scene, solution, predict(scene, solution.selected))
-    values, each = pd.DataFrame(rows), pd.concat(ways, ignore_index=True)
+    methods = QUICK_METHODS if quick else METHODS
+    found = (parts or Parts()).compute(
+        _budget,
+        {f"{k} cameras": (out_dir, k, methods, 10 if quick else 100, seed) for k in budgets},
+        lambda name, share: progress(f"intersection: {name}", share),
+    )
+    values = pd.DataFrame([row for each in found for row in each["values"]])
+    ways = pd.concat([each["ways"] for each in found], ignore_index=True)
     with style():
-        figures = {"movements_over_k": _figure(values, each)}
-        if drawn is not None:
-            figures["crossing"] = Figure(figsize=(6.4, 6.0))
-            draw_map(figures["crossing"].subplots(), drawn)
-    write_files(out_dir, study_files({"values": values, "movements": each}, figures))
+        figures = {"movements_over_k": _figure(values, ways)}
+    write_files(out_dir, study_files({"values": values, "movements": ways}, figures))
+
+
+def _budget(
+    out_dir: Path, k: int, methods: tuple[str, ...], runs: int, seed: int
+) -> dict[str, Any]:
+    """Solve the crossing for k cameras by every method; the first is judged way by way.
+
+    With as many as the instance asks for, the map is drawn, too.
+    """
+    scene = assemble(load_instance(out_dir / "crossing.toml"))
+    asked = scene.problem.constraints.budget
+    rows = []
+    for method in methods:
+        solution = solve(with_budget(scene, k).problem, method, seed=seed)
+        gap = None if solution.gap is None else 100.0 * solution.gap
+        rows.append(
+            {
+                "k": k,
+                "method": method,
+                "trace_m2": solution.value,
+                "bound_m2": solution.bound,
+                "gap_percent": gap,
+            }
+        )
+        if method == methods[0]:
+            best = solution
+    if k == asked:
+        with style():
+            figure = Figure(figsize=(6.4, 6.0))
+            draw_map(figure.subplots(), Result(scene, best, predict(scene, best.selected)))
+        write_files(out_dir, study_files({}, {"crossing": figure}))
+    return {"values": rows, "ways": _movements(scene, best.selected, k, runs, seed)}
 
 
 def crossing_files() -> dict[str, Content]:

@@ -14,9 +14,14 @@ MOST_ROWS = 500  # of one table; the CSV file has them all
 MOST_BYTES = 2_500_000  # of all figures: past that they are shown as their PNG, or only named
 
 
-def study_page(title: str, summary: str, folder: Path) -> str:
-    """Return a page of the figures (SVG, else PNG) and tables (CSV) that lie in `folder`."""
+def study_page(title: str, summary: str, folder: Path, note: str | None = None) -> str:
+    """Return a page of the figures (SVG, else PNG) and tables (CSV) that lie in `folder`.
+
+    `summary` and `note` are sentences without their full stops.
+    """
     sections = [f"<h1>{html.escape(title)}</h1>", f"<p>{html.escape(summary)}.</p>"]
+    if note:
+        sections.append(f"<p>{html.escape(note)}.</p>")
     room = MOST_BYTES
     for path in sorted(folder.glob("*.svg")):
         name = html.escape(path.stem.replace("_", " ").replace("-", " "))

@@ -23,7 +23,8 @@ from reports.single_camera.setting import (
 
 GRID = (36, 9, 6, 6)  # yaw, pitch, hfov, vfov
 STARTS = 24
-HALVINGS = 16
+HALVINGS = 13  # the last steps are of a thousandth of a degree
+COARSE, FOLLOWED = 3, 8  # halvings of all starts; how many distinct poses the rest is for
 APART = 0.1  # of the box's width in some angle: optima nearer than that are one
 SHOWN = 3
 
@@ -97,7 +98,7 @@ def find(scorer: Scorer, *, tolerance: float, most_boxes: int) -> Found:
     The bound holds for every yaw, pitch, hfov and vfov within the box of `setting`, whatever
     `most_boxes` is: it is the largest of what was not refuted.
     """
-    poses, values = refine(scorer, _starts(scorer))
+    poses, values = _climbed(scorer)
     best = int(np.argmax(values))
     ceiling, count, better = _refute(scorer, float(values[best]), tolerance, most_boxes)
     if len(better):
@@ -125,14 +126,15 @@ def _starts(scorer: Scorer) -> FloatArray:
     return grid[chosen]
 
 
-def refine(scorer: Scorer, poses_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
+def refine(
+    scorer: Scorer, poses_deg: FloatArray, halvings: range = range(HALVINGS)
+) -> tuple[FloatArray, FloatArray]:
     """Move every pose (n, 4) to the best of its 81 neighbours, with steps that halve."""
     poses = poses_deg.copy()
     values = scorer.poses(poses)
-    step = (HIGH_DEG - LOW_DEG) / np.array(GRID)
     moves = np.stack(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 4, indexing="ij"), axis=-1).reshape(-1, 4)
-    for _ in range(HALVINGS):
-        step = 0.5 * step
+    for halving in halvings:
+        step = 0.5 ** (halving + 1) * (HIGH_DEG - LOW_DEG) / np.array(GRID)
         for _ in range(4):
             around = np.clip(poses[:, None] + moves * step, LOW_DEG, HIGH_DEG)
             scores = scorer.poses(around.reshape(-1, 4)).reshape(len(poses), -1)
@@ -143,6 +145,16 @@ def refine(scorer: Scorer, poses_deg: FloatArray) -> tuple[FloatArray, FloatArra
             poses[gain] = around[gain, at[gain]]
             values[gain] = scores[gain, at[gain]]
     return poses, values
+
+
+def _climbed(scorer: Scorer) -> tuple[FloatArray, FloatArray]:
+    """Refine the grid's best poses coarsely, and the best distinct ones of what that gives finely.
+
+    Most starts climb the same few hills: they need not all be followed to the top.
+    """
+    poses, values = refine(scorer, _starts(scorer), range(COARSE))
+    chosen = _far_apart(poses, values, FOLLOWED)
+    return refine(scorer, poses[chosen], range(COARSE, HALVINGS))
 
 
 def _refute(
@@ -165,13 +177,14 @@ def _refute(
     while len(low) and count + len(low) <= most_boxes:
         ceiling = scorer.boxes(low, high)
         count += len(low)
-        middles = 0.5 * (low + high)
+        open_ = ceiling > threshold
+        middles = 0.5 * (low + high)[open_]  # of a closed box none can beat the threshold
         values = scorer.poses(middles)
         if len(values) and values.max() > best:
             best = float(values.max())
             better.append(middles[int(np.argmax(values))])
             threshold = best + tolerance * abs(best)
-        open_ = ceiling > threshold
+            open_ = ceiling > threshold
         finished = max(finished, float(np.max(ceiling[~open_], initial=-math.inf)))
         low, high, ceiling = low[open_], high[open_], ceiling[open_]
         last = float(np.max(ceiling, initial=-math.inf))
@@ -194,11 +207,17 @@ def _halved(low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _distinct(poses: FloatArray, values: FloatArray, sign: float) -> list[Optimum]:
+    chosen = _far_apart(poses, values, SHOWN)
+    return [Optimum(poses[i], sign * float(values[i])) for i in chosen]
+
+
+def _far_apart(poses: FloatArray, values: FloatArray, most: int) -> list[int]:
+    """Return the rows of the best poses of which no two are near each other."""
     chosen: list[int] = []
     for i in np.argsort(-values, kind="stable"):
-        if len(chosen) < SHOWN and all(_apart(poses[i], poses[j]) for j in chosen):
+        if len(chosen) < most and all(_apart(poses[i], poses[j]) for j in chosen):
             chosen.append(int(i))
-    return [Optimum(poses[i], sign * float(values[i])) for i in chosen]
+    return chosen
 
 
 def _apart(a: FloatArray, b: FloatArray) -> bool:

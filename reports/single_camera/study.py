@@ -12,6 +12,7 @@ import pandas as pd
 
 from models.geometry import FloatArray
 from placement.atomic import prepare_folder, write_files
+from reports.parts import Parts
 from reports.single_camera import figures
 from reports.single_camera.kernel import MAXIMISED, OBJECTIVES
 from reports.single_camera.ranking import correlations, drive, judged_poses
@@ -20,6 +21,7 @@ from reports.single_camera.setting import Setting
 from reports.study_files import study_files
 
 RADII_M = (5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 25.0, 30.0, 40.0, 60.0, 100.0, 200.0)
+CLOTHOID_RADII_M = (5.0, 10.0, 20.0, 40.0, 100.0)
 RANKED = (0.0, 0.05, 0.2)  # the dissertation's curvatures
 
 
@@ -28,7 +30,7 @@ class Effort:
     """How much the study does; the tolerance is that of the certificate, relative."""
 
     curvatures: tuple[float, ...]
-    entries: tuple[str, ...] = ("arc", "clothoid")
+    with_clothoids: tuple[float, ...] = ()
     tolerance: float = 0.01
     most_boxes: int = 400_000
     ranked: tuple[float, ...] = RANKED
@@ -36,8 +38,12 @@ class Effort:
     runs: int = 20
 
 
-FULL = Effort(tuple(sorted({0.0, *(1.0 / r for r in RADII_M), *(-1.0 / r for r in RADII_M)})))
-QUICK = Effort((-0.05, 0.0, 0.05), ("arc",), 0.1, 50_000, (0.05,), 40, 4)
+def _either_side(radii_m: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(sorted(side / radius for radius in radii_m for side in (-1.0, 1.0)))
+
+
+FULL = Effort(tuple(sorted((0.0, *_either_side(RADII_M)))), _either_side(CLOTHOID_RADII_M))
+QUICK = Effort((-0.05, 0.0, 0.05), (), 0.1, 50_000, (0.05,), 40, 4)
 
 
 def run(
@@ -45,6 +51,7 @@ def run(
     *,
     quick: bool = False,
     seed: int = 0,
+    parts: Parts | None = None,
     progress: Callable[[str, float | None], None] = lambda _text, _fraction: None,
 ) -> None:
     """Write `optima.csv`, `cross_values.csv`, `ranks.csv`, `poses.csv` and their figures.
@@ -52,39 +59,58 @@ def run(
     Raises ValueError where the folder cannot be written.
     """
     prepare_folder(out_dir)
+    parts = parts or Parts()
     effort = QUICK if quick else FULL
-    optima: list[dict[str, Any]] = []
-    cross: list[dict[str, Any]] = []
-    cases = [(entry, k) for entry in effort.entries for k in effort.curvatures]
-    for n, (entry, curvature) in enumerate(cases):
-        if entry == "clothoid" and curvature == 0.0:
-            continue  # a straight has no entry
-        setting = Setting(curvature, entry)
-        best: dict[str, FloatArray] = {}
-        for m, name in enumerate(OBJECTIVES):
-            where = f"κ = {curvature:+.3f} 1/m, {entry}"
-            progress(f"single camera: {name}, {where}", (n + m / 5.0) / (len(cases) + 6))
-            found = find(
-                Scorer(setting, name), tolerance=effort.tolerance, most_boxes=effort.most_boxes
-            )
-            optima += _optima_rows(curvature, entry, name, found)
-            best[name] = found.optima[0].pose_deg
-        cross += _cross_rows(setting, best, effort.runs, seed)
-    judged, ranks = [], []
-    for n, curvature in enumerate(effort.ranked):
-        done = (len(cases) + 6.0 * n / len(effort.ranked)) / (len(cases) + 6)
-        progress(f"single camera: driving {effort.poses} poses, κ = {curvature:g} 1/m", done)
-        rng = np.random.default_rng([seed, n])
-        table = judged_poses(Setting(curvature), effort.poses, effort.runs, rng, seed)
-        judged.append(table.assign(curvature=curvature))
-        ranks += [{"curvature": curvature, **row} for row in correlations(table)]
+    bends = {
+        f"κ = {curvature:+.3f} per m, {entry}": (curvature, entry, effort, seed)
+        for entry, curvatures in (("arc", effort.curvatures), ("clothoid", effort.with_clothoids))
+        for curvature in curvatures
+    }
+    found = parts.compute(
+        _bend, bends, lambda name, share: progress(f"single camera: {name}", 0.8 * share)
+    )
+    drawn = {
+        f"{effort.poses} poses, κ = {curvature:g} per m": (curvature, n, effort, seed)
+        for n, curvature in enumerate(effort.ranked)
+    }
+    judged = parts.compute(
+        _poses, drawn, lambda name, share: progress(f"single camera: {name}", 0.8 + 0.2 * share)
+    )
+    ranks = [
+        {"curvature": curvature, **row}
+        for curvature, table in zip(effort.ranked, judged, strict=True)
+        for row in correlations(table)
+    ]
     tables = {
-        "optima": pd.DataFrame(optima),
-        "cross_values": pd.DataFrame(cross),
+        "optima": pd.DataFrame([row for each in found for row in each["optima"]]),
+        "cross_values": pd.DataFrame([row for each in found for row in each["cross"]]),
         "ranks": pd.DataFrame(ranks),
         "poses": pd.concat(judged, ignore_index=True),
     }
     write_files(out_dir, study_files(tables, figures.draw(tables)))
+
+
+def _bend(
+    curvature: float, entry: str, effort: Effort, seed: int
+) -> dict[str, list[dict[str, Any]]]:
+    """Find the best poses for one bend, and judge each by all objectives."""
+    setting = Setting(curvature, entry)
+    optima: list[dict[str, Any]] = []
+    best: dict[str, FloatArray] = {}
+    for name in OBJECTIVES:
+        found = find(
+            Scorer(setting, name), tolerance=effort.tolerance, most_boxes=effort.most_boxes
+        )
+        optima += _optima_rows(curvature, entry, name, found)
+        best[name] = found.optima[0].pose_deg
+    return {"optima": optima, "cross": _cross_rows(setting, best, effort.runs, seed)}
+
+
+def _poses(curvature: float, n: int, effort: Effort, seed: int) -> pd.DataFrame:
+    """Judge random poses at the n-th curvature."""
+    rng = np.random.default_rng([seed, n])
+    table = judged_poses(Setting(curvature), effort.poses, effort.runs, rng, seed)
+    return table.assign(curvature=curvature)
 
 
 def side_of(curvature: float) -> str:

@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import pandas as pd
 import pytest
 
 from placement.assemble import assemble
-from placement.commands import Result
+from placement.commands import Result, solve_into
 from placement.instance import instance_from_dict
 from placement.prediction import predict
 from placement.solve import solve
@@ -124,20 +125,27 @@ def browser() -> Iterator[Any]:
         opened.close()
 
 
-@pytest.fixture
-def tab(browser: Any, page: str, tmp_path: Path) -> Iterator[Any]:
-    path = tmp_path / "index.html"
-    path.write_text(page, encoding="utf-8")
+@contextmanager
+def opened(browser: Any, path: Path, ready: str) -> Iterator[Any]:
+    """Open a page until `ready` is there; at the end, nothing was complained of or asked for."""
     tab = browser.new_page(viewport={"width": 1200, "height": 900})
     faults: list[str] = []
     tab.on("pageerror", lambda error: faults.append(str(error)))
     tab.on("console", lambda m: faults.append(m.text) if m.type in ("error", "warning") else None)
     tab.on("request", lambda r: r.url.startswith(("file:", "data:")) or faults.append(r.url))
     tab.goto(path.as_uri())
-    tab.wait_for_selector("body[data-ready=yes]")
+    tab.wait_for_selector(ready)
     yield tab
     tab.close()
     assert faults == []
+
+
+@pytest.fixture
+def tab(browser: Any, page: str, tmp_path: Path) -> Iterator[Any]:
+    path = tmp_path / "index.html"
+    path.write_text(page, encoding="utf-8")
+    with opened(browser, path, "body[data-ready=yes]") as tab:
+        yield tab
 
 
 def columns(tab: Any, name: str) -> dict[str, list[float]]:
@@ -233,3 +241,54 @@ def test_it_prints_on_paper(tab: Any, tmp_path: Path) -> None:
     assert not tab.is_visible("#step")
     tab.pdf(path=tmp_path / "page.pdf", format="A4")
     assert (tmp_path / "page.pdf").stat().st_size > 10_000
+
+
+SITE = """
+[road.construct]
+start = [0, 0, 0]
+goal = [120, 0, 0]
+obstacles = [ [[45, -12], [80, -15], [60, 20]] ]
+min_radius_m = 15
+bends = "arcs"
+radius_factors = [1]
+[mounts]
+spacing_m = 20
+[camera]
+yaw_deg = [0, 180]
+pitch_deg = [35]
+[budget]
+cameras = 3
+"""
+
+
+def test_the_page_of_a_road_that_was_built_shows_it_and_steps(browser: Any, tmp_path: Path) -> None:
+    source, out = tmp_path / "site.toml", tmp_path / "out"
+    source.write_text(SITE)
+    solve_into(out, str(source), method="greedy", quiet=True)
+    page = out / "index.html"
+    assert page.stat().st_size < MOST_BYTES
+    path = pd.read_csv(out / "along_path.csv")
+    with opened(browser, page, "body[data-ready=yes]") as tab:
+        along = columns(tab, "along")
+        np.testing.assert_allclose(along["x"], path["x_m"], atol=1e-6)
+        np.testing.assert_allclose(along["y"], path["y_m"], atol=1e-6)
+        assert np.ptp(along["y"]) > 10.0  # it goes round the obstacle
+        tab.focus("#step")
+        tab.keyboard.press("Home")
+        assert "k = 0" in tab.text_content("#step-text")
+        assert sum(columns(tab, "along")["error"]) > sum(along["error"])
+        assert tab.locator("tr[data-camera]").count() == 3
+
+
+def test_a_study_s_page_sorts_and_shows_its_figures(browser: Any, tmp_path: Path) -> None:
+    square = "<svg xmlns='http://www.w3.org/2000/svg' width='9' height='9'/>"
+    (tmp_path / "figure.svg").write_text(square)
+    pd.DataFrame({"k": [3, 1, 2]}).to_csv(tmp_path / "rows.csv", index=False)
+    page = tmp_path / "index.html"
+    text = study_page("a study", "what it asks", tmp_path, "what was left out")
+    page.write_text(text, encoding="utf-8")
+    with opened(browser, page, "table") as tab:
+        assert tab.evaluate("document.querySelector('img').naturalWidth") == 9
+        tab.click("th button")
+        assert tab.locator("tbody td").all_text_contents() == ["1", "2", "3"]
+        assert tab.is_visible("text=what was left out.")
