@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from benchmarks.tolerance import grids
+from benchmarks.tolerance import grid_count
 from placement.assemble import Scene, assemble
 from placement.atomic import prepare_folder, write_files
 from placement.instance import Instance, instance_from_dict
@@ -156,10 +156,8 @@ def _grid(scene: Scene, least: int) -> float:
     objective = scene.problem.objective
     if not isinstance(objective, Tolerance):
         raise TypeError(f"wanted the objective tolerance, got {objective.name}")
-    for count, selected in grids(scene, max(least, 1)):
-        if objective.feasible(selected):
-            return float(count)
-    return float("nan")
+    count = grid_count(scene, objective, max(least, 1))
+    return float(count) if count.isdecimal() else float("nan")
 
 
 def _figure(counts: pd.DataFrame) -> Figure:

@@ -129,7 +129,8 @@ def run(
     )
 
     def together(key: str) -> pd.DataFrame:
-        return pd.concat([each[key] for each in found], ignore_index=True)
+        tables: list[pd.DataFrame] = [each[key] for each in found]
+        return pd.concat(tables, ignore_index=True)
 
     counted = together("counts")
     tables = {
