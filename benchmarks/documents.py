@@ -24,6 +24,20 @@ def replace_table(text: str, name: str, table: str) -> str:
     return pattern.sub(lambda match: f"{match[1]}{table}\n{match[2]}", text)
 
 
+def table_of(text: str, name: str) -> str:
+    """Return what stands between `<!-- table: NAME -->` and its end, as `replace_table` leaves it.
+
+    Raises:
+        ValueError: if the text has no such marks.
+    """
+    found = re.search(
+        rf"<!-- table: {re.escape(name)} -->\n(.*?)\n?<!-- end -->", text, flags=re.DOTALL
+    )
+    if found is None:
+        raise ValueError(f"the document must hold the mark <!-- table: {name} -->, found none")
+    return found[1]
+
+
 def replace_tables(text: str, tables: Mapping[str, str]) -> str:
     """Return `text` with every table that it marks replaced by the one of that name.
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.documents import replace_table
+from benchmarks.documents import replace_table, table_of
 from models.geometry import IntArray
 from placement.assemble import Scene, assemble
 from placement.fewest.beam import Beam
@@ -49,18 +49,31 @@ def main() -> None:
     parser.add_argument("--print", action="store_true", help="leave the document alone")
     options = parser.parse_args()
     for failures in options.failures:
-        lines = [HEADER]
         sys.stdout.write(HEADER)
         for name, errors, instance in instances(options.roads, options.errors):
-            lines.append(row(name, errors, instance, failures, options.time_limit))
-            sys.stdout.write(lines[-1])
+            made = row(name, errors, instance, failures, options.time_limit)
+            sys.stdout.write(made)
             sys.stdout.flush()
-        if not options.print:
-            table = "one dark" if failures else "all working"
-            text = DOCUMENT.read_text(encoding="utf-8")
-            DOCUMENT.write_text(
-                replace_table(text, table, "".join(lines).rstrip("\n")), encoding="utf-8"
-            )
+            if not options.print:
+                table = "one dark" if failures else "all working"
+                text = DOCUMENT.read_text(encoding="utf-8")
+                rows = with_row(table_of(text, table).splitlines(), made.rstrip("\n"))
+                DOCUMENT.write_text(
+                    replace_table(text, table, HEADER + "\n".join(rows)), encoding="utf-8"
+                )
+
+
+def with_row(lines: list[str], made: str) -> list[str]:
+    """Return a table's rows with that of the same road and errors replaced: `winding` first."""
+    rows = {road_and_errors(line): line for line in [*lines[2:], made]}
+    ordered = sorted(rows, key=lambda k: (k[0] != "winding", k[0], "persistent" in k[1], k[1]))
+    return [rows[key] for key in ordered]
+
+
+def road_and_errors(line: str) -> tuple[str, str]:
+    """Return the first two cells of a row."""
+    road, errors = (cell.strip() for cell in line.split("|")[1:3])
+    return road, errors
 
 
 def instances(roads: list[str], errors: list[str]) -> Iterator[tuple[str, str, Instance]]:
@@ -119,39 +132,54 @@ def grid_count(scene: Scene, objective: Tolerance, least: int) -> str:
     start, the left side, the right, both in turn or both at once; the fewest of all that are in
     tolerance. None of fewer than `least` can be.
     """
-    for count, selected in grids(scene, least):
-        if objective.feasible(selected):
-            return str(count)
+    table = poses_by_place(scene)
+    for _, grid in grids(table, least):
+        if objective.feasible(selected_of(table, *grid)):
+            return str(selected_of(table, *grid).size)
     return "–"
 
 
-def grids(scene: Scene, least: int) -> list[tuple[int, IntArray]]:
-    """List all grids of `least` cameras or more, those of fewest first."""
+def poses_by_place(scene: Scene) -> IntArray:
+    """Return the candidates (pose, side, place), −1 where there is none; sides right, left."""
     candidates = scene.candidates
     s = np.round(candidates.arc_length_m, 6)
     places = np.unique(s)
-    place = np.searchsorted(places, s)
     cameras = candidates.cameras
     side = candidates.mount_side[candidates.mount]
     yaw = np.round(candidates.yaw_deg * side, 3) % 360.0  # mirrored poses are one pose
     pose = np.column_stack([yaw, np.degrees(cameras.pitch_rad), np.degrees(cameras.hfov_rad)])
-    pose = np.round(pose, 3)
-    _, kind = np.unique(pose, axis=0, return_inverse=True)
-    found: list[tuple[int, IntArray]] = []
-    for number in range(int(kind.max()) + 1):
-        of_kind = np.flatnonzero(kind == number)
-        at = {(int(place[i]), int(side[i])): int(i) for i in of_kind}
-        for stride in range(1, 2 * places.size // max(least - 1, 1) + 1):
+    _, kind = np.unique(np.round(pose, 3), axis=0, return_inverse=True)
+    table = np.full((int(kind.max()) + 1, 2, places.size), -1, dtype=np.int64)
+    table[kind.ravel(), (side > 0).astype(np.int64), np.searchsorted(places, s)] = np.arange(s.size)
+    return table
+
+
+Grid = tuple[int, int, int, int]  # pose, spacing, start and pattern of sides
+
+
+def grids(table: IntArray, least: int) -> list[tuple[int, Grid]]:
+    """List all grids of `least` cameras or more with their number, those of fewest first."""
+    places = table.shape[2]
+    found: list[tuple[int, Grid]] = []
+    for kind in range(len(table)):
+        for stride in range(1, 2 * places // max(least - 1, 1) + 1):
             for start in range(stride):
-                row_of = range(start, places.size, stride)
-                for pattern in PATTERNS:
-                    keys = [
-                        (p, at_side) for n, p in enumerate(row_of) for at_side in pattern[n % 2]
-                    ]
-                    chosen = sorted(at[key] for key in keys if key in at)
-                    if len(chosen) >= least:
-                        found.append((len(chosen), np.array(chosen, dtype=np.int64)))
+                for pattern in range(len(PATTERNS)):
+                    size = selected_of(table, kind, stride, start, pattern).size
+                    if size >= least:
+                        found.append((size, (kind, stride, start, pattern)))
     return sorted(found, key=lambda grid: grid[0])
+
+
+def selected_of(table: IntArray, kind: int, stride: int, start: int, pattern: int) -> IntArray:
+    """Return the candidates of a grid, sorted."""
+    chosen = [
+        table[kind, int(side > 0), start + n * stride :: 2 * stride]
+        for n in (0, 1)
+        for side in PATTERNS[pattern][n]
+    ]
+    selected = np.sort(np.concatenate(chosen))
+    return selected[selected >= 0]
 
 
 if __name__ == "__main__":

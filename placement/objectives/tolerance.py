@@ -40,6 +40,9 @@ class TolerancePart(Protocol):
     def lateral(self, selected: IntArray) -> FloatArray:
         """Return the lateral variance (t,) with the cameras `selected`, in m²."""
 
+    def within(self, selected: IntArray) -> bool:
+        """Return whether that is nowhere above the limit."""
+
     def reach(self, selected: IntArray, rows: IntArray) -> tuple[float, FloatArray]:
         """Return the first violation with `selected`, and with each of `rows` (m,) beside.
 
@@ -108,9 +111,7 @@ class Tolerance:
         """Return whether a placement is in tolerance."""
         chosen = distinct(selected, self.n_candidates)
         return all(
-            bool(np.all(part.lateral(working) <= self.limit))
-            for working in self.scenarios(chosen)
-            for part in self.parts
+            part.within(working) for working in self.scenarios(chosen) for part in self.parts
         )
 
     def value(self, selected: IntArray) -> float:
@@ -163,6 +164,10 @@ class WhiteTolerance:
         """Return the lateral variance (t,), in m²."""
         return self.filtered(selected)[2]
 
+    def within(self, selected: IntArray) -> bool:
+        """Return whether the lateral variance is nowhere above the limit."""
+        return self.filtered(selected)[3] >= self.n_samples
+
     def reach(self, selected: IntArray, rows: IntArray) -> tuple[float, FloatArray]:
         """Return the first violation now, and with each of `rows` beside."""
         d = self.drive
@@ -202,10 +207,22 @@ class OffsetTolerance:
         self.drive = OffsetDrive(drive)
         self.n_samples = self.drive.n_samples
         self.limit = limit
+        self._white = white_part(drive)
 
     def lateral(self, selected: IntArray) -> FloatArray:
         """Return the lateral variance (t,), in m²."""
         return Forward(self.drive, selected).car()[:, 3]
+
+    def within(self, selected: IntArray) -> bool:
+        """Return whether the lateral variance is nowhere above the limit.
+
+        Whoever knows all offsets does no worse, and is told much sooner.
+        """
+        d, before = self._white, np.empty((self.n_samples, 6))
+        lateral, limit = np.empty(self.n_samples), self.limit * (1.0 + ON_THE_LIMIT)
+        if violations(d.steps, d.p0, d.total(selected), limit, before, lateral) < self.n_samples:
+            return False
+        return bool(np.all(self.lateral(selected) <= self.limit))
 
     def reach(self, selected: IntArray, rows: IntArray) -> tuple[float, FloatArray]:
         """Return the first violation now, and with each of `rows` beside."""

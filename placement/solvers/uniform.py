@@ -71,12 +71,20 @@ def _spread(problem: Problem, run: Run, alone: FloatArray, k: int) -> list[int]:
     places = (np.arange(k) + 0.5) / max(k, 1) * float(problem.path_length_m or 0.0)
     for candidate in selected:
         places = np.delete(places, np.argmin(np.abs(places - s[candidate])))
+    allowed = constraints.addable(np.array(selected, dtype=np.int64))
+    simple = not constraints.beyond_matroid()
     for place in places:
-        free = np.flatnonzero(constraints.addable(np.array(selected, dtype=np.int64)))
+        if not simple:
+            allowed = constraints.addable(np.array(selected, dtype=np.int64))
+        free = np.flatnonzero(allowed)
         if run.out_of_time() or not free.size:
             break
         distance = np.abs(s[free] - place)
         at_mount = free[s[free] == s[free][np.argmin(distance)]]
         best = np.max(alone[at_mount])
-        selected.append(int(at_mount[np.argmax(alone[at_mount] >= best - TIE * abs(best))]))
+        chosen = int(at_mount[np.argmax(alone[at_mount] >= best - TIE * abs(best))])
+        selected.append(chosen)
+        allowed[chosen] = False
+        if constraints.group[chosen] >= 0:
+            allowed[constraints.group == constraints.group[chosen]] = False
     return selected
