@@ -29,9 +29,11 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.documents import markdown, replace_table
 from models.errors import ErrorModel
 from models.files.roadfile import read_road_file
 from models.network import RoadNetwork
+from placement.atomic import write_files
 from placement.city.information import Site
 from placement.city.mounts import network_mounts, network_order
 from placement.city.solve import (
@@ -51,6 +53,7 @@ RANGE_M = 60.0  # at the default report limit of 2 m no pose of 6 m reaches furt
 PRIOR_SIGMA_M = 0.5
 # Which sixteenths and quarters stand for all: spread over the city.
 GROWTH = ((16, (1, 6, 11, 14)), (4, (0, 2)), (1, (0,)))
+_UNTOLD = ("stages", "selected sha256", "placement_seconds", "certificate_seconds")
 
 
 @dataclass(slots=True)
@@ -90,6 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--workers", type=int)
     parser.add_argument("--cluster")
     parser.add_argument("--json", type=Path, help="also write the numbers here")
+    parser.add_argument("--document", type=Path, help="fill the tables of this document")
     options = parser.parse_args(arguments)
     work = work_at(options.workers, options.cluster)
     try:
@@ -101,12 +105,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if not options.growth:
             solution, problem = run(network, digest, (1, 0), options, work, stages)
             found = {"stages": stages.rows, **summary(network, problem, solution)}
-            _say(_table(stages.rows))
+            say_table(stages.rows)
             _say("\n".join(f"{key}: {value}" for key, value in found.items() if key != "stages"))
     finally:
         work.close()
     if options.json is not None:
         options.json.write_text(json.dumps(found, indent=2) + "\n")
+    if options.document is not None:
+        text = options.document.read_text(encoding="utf-8")
+        for name, table in tables(found).items():
+            text = replace_table(text, name, table)
+        write_files(options.document.parent, {options.document.name: text})
 
 
 def run(
@@ -173,11 +182,26 @@ def growth(
                 "gap %": round(100.0 * max(gaps), 3),
             }
         )
-    _say(_table(rows))
+    say_table(rows)
     km, seconds = (np.array([row[key] for row in rows], float) for key in ("km", "processor s"))
     exponent = float(np.polyfit(np.log(km), np.log(seconds), 1)[0])
     _say(f"exponent: {exponent:.3f}")
     return {"growth": rows, "exponent": round(exponent, 4)}
+
+
+def tables(found: dict[str, Any]) -> dict[str, str]:
+    """Lay out the document's tables of a run, or of its growth."""
+    if "growth" in found:
+        rows = [[str(item) for item in row.values()] for row in found["growth"]]
+        head = list(found["growth"][0])
+        rows.append(["exponent", "", str(found["exponent"]), ""])
+        return {"city: growth": markdown(head, rows)}
+    stages = [[str(item) for item in row.values()] for row in found["stages"]]
+    told = [[name, str(item)] for name, item in found.items() if name not in _UNTOLD]
+    return {
+        "city: stages": markdown(list(found["stages"][0]), stages),
+        "city: result": markdown(["", "nats, m, counts"], told),
+    }
 
 
 def summary(network: RoadNetwork, problem: CityProblem, solution: CitySolution) -> dict[str, Any]:
@@ -216,12 +240,10 @@ def _peak_gib() -> float:
     return sum(peaks) / 2**20
 
 
-def _table(rows: Sequence[dict[str, Any]]) -> str:
-    if not rows:
-        return ""
-    head = list(rows[0])
-    lines = [head, ["---"] * len(head), *([str(row[key]) for key in head] for row in rows)]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+def say_table(rows: Sequence[dict[str, Any]]) -> None:
+    """Print rows that share their keys as a table in Markdown."""
+    if rows:
+        _say(markdown(list(rows[0]), [[str(item) for item in row.values()] for row in rows]))
 
 
 def _say(text: str) -> None:
