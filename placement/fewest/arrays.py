@@ -13,7 +13,7 @@ DEPTH = 3  # cameras in view at once that are told apart
 NODES, ARCS, POOL, FREE, FULL, BLIND = range(6)
 N_COUNTERS = 6
 KEY_BITS = 17  # of a camera in the key of a set; `Course` holds fewer than 2**17
-MOST_UNITS = 1000
+MOST_UNITS = 100_000  # as good as infinitely many
 MOST_NODES, MOST_ARCS, MOST_WAITING, MOST_SETS = 8_000_000, 24_000_000, 500_000, 60_000
 
 
@@ -27,6 +27,7 @@ class Course(NamedTuple):
     blocks: FloatArray  # (n, 3)
     at: IntArray  # (t + 1,) cameras that start at t
     units: IntArray  # (v,)
+    per_unit: int  # units that a unit of the prices given is cut into
     floor: FloatArray  # (t, 6) below every covariance before the measurements of t
     limit: float
     failures: int
@@ -71,10 +72,10 @@ class Store(NamedTuple):
     set_node: IntArray
     set_p: FloatArray  # (2, sets, scenarios, 6)
     key: IntArray  # a hash table of the next sample's sets
+    key_m: IntArray
     key_first: IntArray
     set_next: IntArray  # sets of one key
     blind_node: IntArray  # (2, k + 1, span + 2) by how long it lasts; −1 for none
-    reached: BoolArray
     counter: IntArray
 
 
@@ -102,9 +103,9 @@ def new_store(failures: int) -> Store:
         set_node=np.empty((2, MOST_SETS), dtype=np.int64),
         set_p=np.empty((2, MOST_SETS, scenarios, 6)),
         key=np.zeros(buckets, dtype=np.int64),
+        key_m=np.empty(buckets, dtype=np.int64),
         key_first=np.empty(buckets, dtype=np.int64),
         set_next=np.empty(MOST_SETS, dtype=np.int64),
         blind_node=np.empty((0, 0, 0), dtype=np.int64),
-        reached=np.empty(0, dtype=np.bool_),
         counter=np.zeros(N_COUNTERS + 1, dtype=np.int64),
     )

@@ -53,7 +53,10 @@ class OutOfTime(Exception):  # noqa: N818 - a signal, not an error
 
 
 class Counting:
-    """Sweeps over one drive; `need` is the proven number of units."""
+    """Sweeps over one drive.
+
+    Inside, units are those of the course: `per_unit` to one of the prices given.
+    """
 
     def __init__(
         self,
@@ -87,10 +90,15 @@ class Counting:
             by_chains(self.reach, first, last, c.units, self.floor, self.hope)
         self.rows = (np.zeros(t, np.int64), np.zeros(t, np.int64), np.empty((0, 2, 6)),
                      np.empty(0, np.int64))  # fmt: skip
-        self.need = int(self.floor[0])
+        self._need = int(self.floor[0])
         self._store: Store | None = None
         self.labels = 0
         self.finest = 0
+
+    @property
+    def need(self) -> int:
+        """The proven number of units of price: whole, as every placement's is."""
+        return -(-self._need // self.course.per_unit)
 
     def prove(
         self,
@@ -104,13 +112,14 @@ class Counting:
             if not self.course.failures and not self._probe(stop, tell):
                 return True
             while self.need < min(most, MOST_UNITS):
-                k = self.need
+                asked = self.need
+                k = asked * self.course.per_unit
                 for n, effort in enumerate(efforts):
                     self.finest = max(self.finest, n)
                     report = lambda share, n=n: tell(n, share)  # noqa: E731
                     if not self.sweep(k, effort, probing=False, stop=stop, report=report):
                         return True  # no room for more: what is proven stays
-                    if self.need > k:
+                    if self.need > asked:
                         break
                 else:
                     return True
@@ -122,8 +131,9 @@ class Counting:
         """Learn what the floor needs, until that changes no more; return whether there was room."""
         for _ in range(MOST_PROBES):
             before = int(np.sum(self.floor))
-            if not self.sweep(int(self.floor.max()) + 1, PROBE, probing=True, stop=stop,
-                              report=lambda share: tell(-1, share)):  # fmt: skip
+            k = int(self.floor.max()) + self.course.per_unit
+            report = lambda share: tell(-1, share)  # noqa: E731
+            if not self.sweep(k, PROBE, probing=True, stop=stop, report=report):
                 return False
             if int(np.sum(self.floor)) - before <= 0.01 * before:
                 break
@@ -138,7 +148,10 @@ class Counting:
         stop: Callable[[], bool],
         report: Callable[[float], None] = lambda _share: None,
     ) -> bool:
-        """Sweep once within k units; return whether there was room. Learns table and `need`."""
+        """Sweep once within k units of the course; return whether there was room.
+
+        Learns the table and what is needed.
+        """
         c = self.course
         t = c.steps.shape[0]
         known = Known(self.floor, self.hope, *self.rows)
@@ -161,7 +174,7 @@ class Counting:
         backward(store)
         self.labels += int(store.counter[arrays.NODES])
         if not probing:  # the root's own list entry came as an arc without a parent
-            self.need = max(self.need, int(store.node_need[int(store.arc_to[0])]))
+            self._need = max(self._need, int(store.node_need[int(store.arc_to[0])]))
         self._learn(store)
         return True
 
@@ -175,7 +188,6 @@ class Counting:
         return store._replace(
             head=np.full((t + 1, k + 1), -1, dtype=np.int64),
             blind_node=np.full((2, k + 1, self.span + 2), -1, dtype=np.int64),
-            reached=np.zeros(k + 1, dtype=np.bool_),
         )
 
     def _learn(self, store: Store) -> None:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import copy
-
 import numpy as np
 
 from models.geometry import BoolArray, FloatArray, IntArray
 from placement.diagram.moves import TWINS, floor_information, three_columns, undominated
 from placement.fewest.arrays import KEY_BITS, Course
+from placement.fewest.pieces import MOST_LEVELS, in_pieces
 from placement.objectives.navigation import WhiteDrive
 from placement.objectives.windows.filter import empty_messages, filter_forward
 from placement.objectives.windows.offsets import Views
 
 ROUNDING = 1e-9  # relative, of the limit
-MOST_LEVELS = 200  # units that the dearest camera may cost
 
 
 def whole_units(cost: FloatArray, usable: BoolArray) -> tuple[IntArray, float]:
@@ -52,14 +50,16 @@ def course_of(
 ) -> Course:
     """Lay out the drive and the cameras that none of the same price or cheaper exceeds.
 
-    With persistent errors all that see something stay: offsets are not compared.
+    With persistent errors all that see something stay: offsets are not compared, and those of
+    cameras in pieces are known: what is true of one piece by itself is not true of both.
     """
     views_of = drive
-    drive, tails = without_second_views(drive, usable)
+    pieces = in_pieces(drive, usable, units, 1.0 / limit)
+    drive, usable, units = pieces.drive, pieces.usable, pieces.units
     blocks = three_columns(drive)
     kept = []
     if views is not None:
-        kept.append(np.flatnonzero(usable & (np.diff(drive.indptr) > 0)))
+        kept.append(np.flatnonzero(usable))
     for level in np.unique(units[usable]) if views is None else []:
         best = undominated(drive.indptr, drive.indices, blocks, usable & (units <= level))
         kept.append(best[units[best] == level])
@@ -78,7 +78,7 @@ def course_of(
     for v, i in enumerate(who):
         row = slice(drive.indptr[i], drive.indptr[i + 1])
         dense[ptr[v] + drive.indices[row] - first[v]] = (1.0 + TWINS) * blocks[row]
-    base = drive.total(given) + tails
+    base = views_of.total(given) + pieces.given
     floor = base + (1.0 + 1e-9) * floor_information(drive, usable, max(most, 1))
     before, after, logs = empty_messages(drive.n_samples)
     filter_forward(drive.steps, drive.p0, floor, before, after, logs)
@@ -90,42 +90,17 @@ def course_of(
         blocks=dense,
         at=np.searchsorted(first, np.arange(drive.n_samples + 1)).astype(np.int64),
         units=units[who],
+        per_unit=pieces.per_unit,
         floor=before * (1.0 - 1e-12),
         limit=limit * (1.0 + ROUNDING),
         failures=failures,
-        who=who,
+        who=np.where(pieces.single[who], pieces.owner[who], -1),
         indptr=views_of.indptr,
         indices=views_of.indices,
         white=np.empty((0, 3), dtype=np.float32) if views is None else views.white,
         offsets=np.empty((0, 2, 0), dtype=np.float32) if views is None else views.offsets,
         frames=drive.frames,
     )
-
-
-def without_second_views(drive: WhiteDrive, usable: BoolArray) -> tuple[WhiteDrive, FloatArray]:
-    """Return the drive without what cameras see after half a drive's blindness, and that in sum.
-
-    On a closed road a camera near the start sees the car again at the end: as one window that
-    would span the whole lap. What it sees at the end is given to every placement instead, (t, 3).
-    """
-    seen = drive.indices.astype(np.int64)
-    row = np.repeat(np.arange(drive.indptr.size - 1), np.diff(drive.indptr))
-    jump = np.zeros(seen.size, dtype=np.int64)
-    jump[1:] = np.where(row[1:] == row[:-1], seen[1:] - seen[:-1], 0)
-    far = np.cumsum(jump > drive.n_samples // 2)
-    before = np.concatenate(([0], far))[drive.indptr[row]]
-    second = far > before
-    tails = np.zeros((drive.n_samples, 3))
-    if not second.any():
-        return drive, tails
-    free = second & usable[row]
-    np.add.at(tails, seen[free], three_columns(drive)[free])
-    part = copy.copy(drive)
-    keep = ~second
-    part.indptr = np.concatenate(([0], np.cumsum(keep)))[drive.indptr].astype(np.int64)
-    part.indices = np.ascontiguousarray(drive.indices[keep])
-    part.blocks = np.ascontiguousarray(drive.blocks[keep])
-    return part, tails
 
 
 def spans(course: Course) -> tuple[IntArray, IntArray]:

@@ -81,7 +81,7 @@ def alone(course, v, t, p, past):  # type: ignore[no-untyped-def]
     """Take camera v from its first sample t to its last; return (alive, P, past) after that."""
     t_end, limit = course.steps.shape[0], course.limit
     dark = p
-    if course.offsets.shape[2]:
+    if course.offsets.shape[2] and course.who[v] >= 0:
         alive, p = alone_unsure(course, v, t, p)
         if alive and course.failures:
             alive, past = alone_unsure(course, v, t, past)

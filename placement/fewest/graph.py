@@ -27,6 +27,18 @@ def needed(known, t, p, past, failures):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def no_room(store, nodes):  # type: ignore[no-untyped-def]
+    """Return whether the storage may run out within so many nodes and three arcs for each."""
+    if (
+        store.counter[NODES] + nodes >= store.node_need.size
+        or store.counter[ARCS] + 3 * nodes >= store.arc_from.size
+    ):
+        store.counter[FULL] = 2
+        return True
+    return False
+
+
+@njit(cache=True)
 def record(store, parent, child, units):  # type: ignore[no-untyped-def]
     """Add an arc."""
     a = store.counter[ARCS]
@@ -53,8 +65,6 @@ def deposit(course, known, store, k, parent, units, m, t, p, past):  # type: ign
     """Leave a free label of price m for sample t, unless it is known to be too dear."""
     if t >= course.steps.shape[0]:
         store.node_need[parent] = min(store.node_need[parent], units)
-        if m <= k:
-            store.reached[m] = True
         return
     togo = needed(known, t, p, past, course.failures)
     if m + togo > k:

@@ -27,6 +27,30 @@ def lower(a, b, m, v):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def exceeded(p, past, rank, failures, free_p, free_rank, n):  # type: ignore[no-untyped-def]
+    """Return which of n cheaper free labels knows more, −1 for none: what it needs, this needs."""
+    for b in range(n):
+        if (
+            free_rank[b] < rank
+            and below(row6(free_p[b], 0), p, 1.0)
+            and (failures == 0 or below(row6(free_p[b], 1), past, 1.0))
+        ):
+            return b
+    return -1
+
+
+@njit(cache=True)
+def grown(free_p, free_rank, free_m, free_node, n, more):  # type: ignore[no-untyped-def]
+    """Return the n free labels in arrays with room for `more`."""
+    size = 2 * n + more
+    new_p, new_rank = np.empty((size, 2, 6)), np.empty(size)
+    new_m, new_node = np.empty(size, np.int64), np.empty(size, np.int64)
+    new_p[:n], new_rank[:n] = free_p[:n], free_rank[:n]
+    new_m[:n], new_node[:n] = free_m[:n], free_node[:n]
+    return new_p, new_rank, new_m, new_node
+
+
+@njit(cache=True)
 def thin(n, p, rank, width, epsilon, probing, failures, assigned, kept_p, own_p, mm, vv):  # type: ignore[no-untyped-def]
     """Merge n labels (n, 2, 6) into at most `width`; return how many, and the ε it took.
 
@@ -90,16 +114,17 @@ def put_set(store, side, slot_of, slots, m, n, ids, flag, node, p, scratch_m, sc
     Return False where there is no room.
     """
     scenarios = p.shape[0]
-    key = np.int64(2 * m + (1 if flag else 0)) + 1
+    key = np.int64(2 if flag else 1)
     for a in range(DEPTH):
         key = (key << KEY_BITS) | (ids[a] + 1 if a < n else 0)
     mask = store.key.size - 1
-    h = (key * np.int64(-7046029254386353131) >> 20) & mask
-    while store.key[h] != 0 and store.key[h] != key:
+    h = ((key + m) * np.int64(-7046029254386353131) >> 20) & mask
+    while store.key[h] != 0 and (store.key[h] != key or store.key_m[h] != m):
         h = (h + 1) & mask
     fresh = store.key[h] == 0
     if fresh:
         store.key[h] = key
+        store.key_m[h] = m
         store.key_first[h] = -1
     best, gap, count = -1, np.inf, 0
     rank = worth(p[0]) + (worth(p[1]) if scenarios > 1 else 0.0)

@@ -22,10 +22,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from placement.fewest.arrays import ARCS, DEPTH, FREE, FULL, N_COUNTERS, NODES
+from placement.fewest.arrays import DEPTH, FREE, FULL, N_COUNTERS, NODES, POOL
 from placement.fewest.crossing import alone, move, one_step, worth
-from placement.fewest.graph import deposit, go_blind, new_node, record
-from placement.fewest.merging import put_set, thin
+from placement.fewest.graph import deposit, go_blind, new_node, no_room, record
+from placement.fewest.merging import exceeded, grown, put_set, thin
 from placement.objectives.windows.filter import row6
 
 
@@ -34,8 +34,8 @@ def sweep(begin, end, k, course, known, store, least, width, slots, epsilon, pro
     """Sweep samples begin…end − 1 within k units; counter[FULL] is set if storage runs out.
 
     least (v,) is what a set that starts with camera v takes at least, from before v on. When
-    `probing`, the floor itself starts a label at every sample, at the greatest price at which it
-    is not known to be too dear.
+    `probing`, the floor itself starts a label at every sample, at the greatest whole price at which
+    it is not known to be too dear.
     """
     t_end = course.steps.shape[0]
     failures = course.failures
@@ -43,9 +43,11 @@ def sweep(begin, end, k, course, known, store, least, width, slots, epsilon, pro
     span = store.blind_node.shape[2] - 2
     mm, vv = np.empty((3, 3)), np.empty((3, 3))
     kept_p, own_p = np.empty((width + 1, 2, 6)), np.empty((width + 1, 2, 6))
+    free_p, free_rank = np.empty((width + 1, 2, 6)), np.empty(width + 1)
+    free_m, free_node = np.empty(width + 1, np.int64), np.empty(width + 1, np.int64)
     most = 1024
     p_in, rank = np.empty((most, 2, 6)), np.empty(most)
-    assigned = np.empty(most, dtype=np.int64)
+    assigned, told_by = np.empty(most, np.int64), np.empty(most, np.int64)
     slot_of = np.zeros(2, dtype=np.int64)
     work = np.empty((scenarios, 6))
     ids = np.empty(DEPTH, dtype=np.int64)
@@ -55,44 +57,64 @@ def sweep(begin, end, k, course, known, store, least, width, slots, epsilon, pro
         slot_of[then] = 0
         store.key[:] = 0
         store.blind_node[then] = -1
-        room = 4 * width * (2 + course.at[t + 1] - course.at[t]) * (k + 1)
-        if (
-            store.counter[NODES] + room + 4 * store.set_m.shape[1] >= store.node_need.size
-            or store.counter[ARCS] + 4 * room + 8 * store.set_m.shape[1] >= store.arc_from.size
-        ):
-            store.counter[FULL] = 2
+        cameras = course.at[t + 1] - course.at[t]
+        if no_room(store, store.counter[POOL] + width):
             return
-        # free labels: thin, wait, take a camera alone, start sets
+        # free labels: each price thinned; whom a cheaper one exceeds is told by that one
+        kept_of = 0
         for m in range(k + 1):
+            cheaper = kept_of
             n, e = 0, store.head[t, m]
             while e >= 0:
                 n += 1
                 e = store.pool_next[e]
-            probe = probing and m == k - known.floor[t]
+            probe = probing and m == k - known.floor[t] - (course.per_unit - 1)
             if n == 0 and not probe:
                 continue
             if n > most:
                 most = 2 * n
                 p_in, rank = np.empty((most, 2, 6)), np.empty(most)
-                assigned = np.empty(most, dtype=np.int64)
-            first = store.counter[NODES]
-            kept = 0
+                assigned, told_by = np.empty(most, np.int64), np.empty(most, np.int64)
+            if kept_of + width + 1 > free_p.shape[0]:
+                free_p, free_rank, free_m, free_node = grown(
+                    free_p, free_rank, free_m, free_node, kept_of, width + 1
+                )
             if n:
-                n, e = 0, store.head[t, m]
+                n, e, own = 0, store.head[t, m], 0
                 while e >= 0:
-                    p_in[n] = store.pool_p[e]
-                    rank[n] = worth(p_in[n, 0]) + (worth(p_in[n, 1]) if failures else 0.0)
+                    q, r = row6(store.pool_p[e], 0), row6(store.pool_p[e], 1)
+                    w = worth(q) + (worth(r) if failures else 0.0)
+                    found = -1
+                    if not probing:
+                        found = exceeded(q, r, w, failures, free_p, free_rank, cheaper)
+                    told_by[n] = free_node[found] if found >= 0 else -1
+                    if found < 0:
+                        p_in[own] = store.pool_p[e]
+                        rank[own] = w
+                        own += 1
                     n += 1
                     e = store.pool_next[e]
-                eps = max(epsilon, bin_epsilon[m] / 2.25)
-                kept, bin_epsilon[m] = thin(
-                    n, p_in, rank, width, eps, probing, failures, assigned, kept_p, own_p, mm, vv
-                )
+                first, kept = store.counter[NODES], 0
+                if own:
+                    eps = max(epsilon, bin_epsilon[m] / 2.25)
+                    kept, bin_epsilon[m] = thin(
+                        own, p_in, rank, width, eps, probing, failures, assigned, kept_p, own_p,
+                        mm, vv,
+                    )  # fmt: skip
                 for b in range(kept):
-                    new_node(store, t, kept_p[b, 0], kept_p[b, 1])
-                n, e = 0, store.head[t, m]
+                    q, r = row6(kept_p[b], 0), row6(kept_p[b], 1)
+                    free_node[kept_of] = new_node(store, t, q, r)
+                    free_p[kept_of] = kept_p[b]
+                    free_rank[kept_of] = worth(q) + (worth(r) if failures else 0.0)
+                    free_m[kept_of] = m
+                    kept_of += 1
+                n, e, own = 0, store.head[t, m], 0
                 while e >= 0:
-                    record(store, store.pool_parent[e], first + assigned[n], store.pool_units[e])
+                    to = told_by[n]
+                    if to < 0:
+                        to = first + assigned[own]
+                        own += 1
+                    record(store, store.pool_parent[e], to, store.pool_units[e])
                     n += 1
                     following = store.pool_next[e]
                     store.pool_next[e] = store.counter[FREE]
@@ -100,56 +122,60 @@ def sweep(begin, end, k, course, known, store, least, width, slots, epsilon, pro
                     e = following
                 store.head[t, m] = -1
             if probe:
-                new_node(store, t, course.floor[t], course.floor[t])
+                q = row6(course.floor, t)
+                free_node[kept_of] = new_node(store, t, q, q)
                 for x in range(6):
-                    kept_p[kept, 0, x] = kept_p[kept, 1, x] = course.floor[t, x]
-                kept += 1
-            for g in range(kept):
-                parent = first + g
-                p, past = row6(kept_p[g], 0), row6(kept_p[g], 1)
-                q = one_step(p, course.base[t], 0.0, 0.0, 0.0)
-                r = q
-                alive = q[3] <= course.limit
-                if failures and alive:
-                    r = one_step(past, course.base[t], 0.0, 0.0, 0.0)
-                    alive = r[3] <= course.limit
-                if alive:
-                    if t + 1 < t_end:
-                        q = move(q, course.steps[t + 1])
-                        r = move(r, course.steps[t + 1])
-                    deposit(course, known, store, k, parent, 0, m, t + 1, q, r)
-                for v in range(course.at[t], course.at[t + 1]):
-                    units = course.units[v]
-                    length = course.ptr[v + 1] - course.ptr[v]
-                    togo = known.floor[t + length]
-                    if m + units + togo > k:
-                        store.node_need[parent] = min(store.node_need[parent], units + togo)
-                    else:
-                        alive, q, r = alone(course, v, t, p, past)
-                        if alive:
-                            deposit(course, known, store, k, parent, units, m + units, t + length,
-                                    q, r)  # fmt: skip
-                    if m + least[v] > k:
-                        store.node_need[parent] = min(store.node_need[parent], least[v])
-                        continue
-                    for x in range(6):
-                        work[0, x] = p[x]
-                        if failures:
-                            work[1, x] = past[x]
-                            work[2, x] = p[x]
-                    s = slot_of[now]
-                    if s >= store.set_m.shape[1]:
-                        go_blind(store, now, parent, units, m + units, length)
-                        continue
-                    slot_of[now] += 1
-                    store.set_m[now, s], store.set_n[now, s] = m + units, 1
-                    store.set_flag[now, s] = False
-                    store.set_ids[now, s, 0] = v
-                    store.set_p[now, s] = work
-                    store.set_node[now, s] = new_node(store, -1, p, past)
-                    record(store, parent, store.set_node[now, s], units)
-                if store.counter[FULL]:
-                    return
+                    free_p[kept_of, 0, x] = free_p[kept_of, 1, x] = course.floor[t, x]
+                free_m[kept_of] = m
+                kept_of += 1
+        if no_room(store, kept_of * (cameras + 1) + 4 * store.set_m.shape[1]):
+            return
+        # they wait, take a camera alone, start sets
+        for g in range(kept_of):
+            parent, m = free_node[g], free_m[g]
+            p, past = row6(free_p[g], 0), row6(free_p[g], 1)
+            q = one_step(p, course.base[t], 0.0, 0.0, 0.0)
+            r = q
+            alive = q[3] <= course.limit
+            if failures and alive:
+                r = one_step(past, course.base[t], 0.0, 0.0, 0.0)
+                alive = r[3] <= course.limit
+            if alive:
+                if t + 1 < t_end:
+                    q = move(q, course.steps[t + 1])
+                    r = move(r, course.steps[t + 1])
+                deposit(course, known, store, k, parent, 0, m, t + 1, q, r)
+            for v in range(course.at[t], course.at[t + 1]):
+                units = course.units[v]
+                length = course.ptr[v + 1] - course.ptr[v]
+                togo = known.floor[t + length]
+                if m + units + togo > k:
+                    store.node_need[parent] = min(store.node_need[parent], units + togo)
+                else:
+                    alive, q, r = alone(course, v, t, p, past)
+                    if alive:
+                        deposit(course, known, store, k, parent, units, m + units, t + length, q, r)
+                if m + least[v] > k:
+                    store.node_need[parent] = min(store.node_need[parent], least[v])
+                    continue
+                for x in range(6):
+                    work[0, x] = p[x]
+                    if failures:
+                        work[1, x] = past[x]
+                        work[2, x] = p[x]
+                s = slot_of[now]
+                if s >= store.set_m.shape[1]:
+                    go_blind(store, now, parent, units, m + units, length)
+                    continue
+                slot_of[now] += 1
+                store.set_m[now, s], store.set_n[now, s] = m + units, 1
+                store.set_flag[now, s] = False
+                store.set_ids[now, s, 0] = v
+                store.set_p[now, s] = work
+                store.set_node[now, s] = new_node(store, -1, p, past)
+                record(store, parent, store.set_node[now, s], units)
+            if store.counter[FULL]:
+                return
         # sets: one camera more, or on to the next sample
         s = 0
         while s < slot_of[now]:
@@ -184,10 +210,7 @@ def sweep(begin, end, k, course, known, store, least, width, slots, epsilon, pro
                 zero = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
                 store.set_node[now, z] = new_node(store, -1, zero, zero)
                 record(store, node, store.set_node[now, z], units)
-                if store.counter[NODES] + 64 >= store.node_need.size or (
-                    store.counter[ARCS] + 64 >= store.arc_from.size
-                ):
-                    store.counter[FULL] = 2
+                if no_room(store, 64):
                     return
             # measure
             alive = True
@@ -248,6 +271,8 @@ def sweep(begin, end, k, course, known, store, least, width, slots, epsilon, pro
                 node = store.blind_node[now, m, length]
                 if node < 0:
                     continue
+                if no_room(store, cameras + 64):
+                    return
                 for w in range(course.at[t], course.at[t + 1]):
                     units = course.units[w]
                     longer = max(length, course.ptr[w + 1] - course.ptr[w])

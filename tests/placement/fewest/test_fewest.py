@@ -2,6 +2,8 @@
 
 import itertools
 import math
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -43,9 +45,10 @@ def tiny(
     cost: np.ndarray | None = None,
     offsets: int = 0,
     drives: int = 1,
+    draw: Callable[[np.random.Generator, int], Drive] = tiny_drive,
 ) -> Tolerance:
     """Draw a road and a tolerance between what all cameras reach, one dark, and what none do."""
-    roads = [tiny_drive(rng, offsets) for _ in range(drives)]
+    roads = [draw(rng, offsets) for _ in range(drives)]
     loose = Tolerance(roads, 1e6, failures, cost)
     worst = [
         max(float(part.lateral(working).max()) for part in loose.parts)
@@ -55,6 +58,38 @@ def tiny(
     best, none = max(worst[:-1]), worst[-1]
     share = 10.0 ** rng.uniform(-3.0, -0.3)
     return Tolerance(roads, 2.0 * math.sqrt(best + share * (none - best)) * 1.0001, failures, cost)
+
+
+def seen_twice(rng: np.random.Generator, offsets: int = 0) -> Drive:
+    """Draw a road that some of its cameras see twice, with a long blindness between."""
+    n = int(rng.integers(24, 48))
+    drive = random_drive(
+        rng,
+        n_samples=n,
+        n_candidates=C + 4,
+        isotropic=bool(rng.integers(2)),
+        offsets=offsets,
+        longest_window=int(rng.integers(3, 7)),
+        odometry=CAR if rng.integers(2) else ROBOT,
+        initial_sigma=(0.02, 0.02, 0.01 * rng.integers(2)),
+        strength=float(10.0 ** rng.uniform(1.0, 4.0)),
+    )
+    info = drive.information
+    rows = [np.arange(info.indptr[i], info.indptr[i + 1]) for i in range(C + 4)]
+    for i in range(C, C + 4):  # the last four become what the first three see besides
+        seen = np.concatenate([rows[i % 3], rows[i]])
+        _, once = np.unique(info.indices[seen], return_index=True)
+        rows[i % 3] = seen[once]
+    order = np.concatenate(rows[:C])
+    merged = replace(
+        info,
+        indptr=np.concatenate([[0], np.cumsum([r.size for r in rows[:C]])]).astype(np.int64),
+        indices=info.indices[order],
+        blocks=info.blocks[order],
+        white=None if info.white is None else info.white[order],
+        offsets=None if info.offsets is None else info.offsets[order],
+    )
+    return replace(drive, information=merged)
 
 
 def subsets(c: int) -> list[np.ndarray]:
@@ -98,7 +133,7 @@ def test_the_bound_never_exceeds_the_fewest_of_all_placements(failures: int) -> 
         counting, _ = counting_of(objective)
         assert counting.need <= best, seed  # stretches and chains alone
         for effort, probing in ((PROBE, True), (ROUGH, True), (ROUGH, False), (FINE, False)):
-            for k in range(max(counting.need, counting.floor.max()), C + 2):
+            for k in range(max(counting.need, int(counting.floor.max())), C + 2):
                 counting.sweep(k, effort, probing=probing, stop=lambda: False)
                 assert counting.need <= best, (seed, effort)
                 if not probing and counting.need <= k:
@@ -107,6 +142,44 @@ def test_the_bound_never_exceeds_the_fewest_of_all_placements(failures: int) -> 
         several += best >= 2
     assert several >= 35
     assert tight >= (45 if not failures else 30)  # a camera used twice is what loosens most
+
+
+@pytest.mark.parametrize("offsets", [0, 2])
+@pytest.mark.parametrize("failures", [0, 1])
+def test_the_bound_holds_where_cameras_see_the_road_twice(failures: int, offsets: int) -> None:
+    check_seen_twice(range(40 if not offsets else 15), failures, offsets)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("offsets", [0, 2])
+@pytest.mark.parametrize("failures", [0, 1])
+def test_the_bound_holds_on_thousands_of_roads_seen_twice(failures: int, offsets: int) -> None:
+    check_seen_twice(range(1000, 2500), failures, offsets)
+
+
+def check_seen_twice(seeds: range, failures: int, offsets: int) -> None:
+    twice, several, reached = 0, 0, []
+    for seed in seeds:
+        rng = np.random.default_rng([11, failures, offsets, seed])
+        cost = rng.choice([100.0, 150.0, 400.0], C) if seed % 4 == 3 else None
+        objective = tiny(rng, failures, cost, offsets, draw=seen_twice)
+        best = best_price(objective)
+        counting, unit = counting_of(objective)
+        per_unit = counting.course.per_unit
+        twice += per_unit > 1
+        assert unit * counting.need <= best, seed
+        for effort, probing in ((PROBE, True), (ROUGH, True), (ROUGH, False), (FINE, False)):
+            for k in range(max(counting.need, -(-int(counting.floor.max()) // per_unit)), 10 * C):
+                before = counting.need
+                counting.sweep(k * per_unit, effort, probing=probing, stop=lambda: False)
+                assert unit * counting.need <= best * (1.0 + 1e-9), (seed, effort)
+                if counting.need == before:
+                    break
+        reached.append(unit * counting.need / best if best else 1.0)
+        several += best >= 2
+    assert twice >= 0.5 * len(seeds)
+    assert several >= 0.4 * len(seeds)
+    assert np.mean(reached) >= (0.4 if failures else 0.7)  # and no empty promise
 
 
 @pytest.mark.parametrize("failures", [0, 1])
