@@ -3,17 +3,23 @@
 Labels are kept by how many cameras are left, so whatever a sweep knows of one budget serves the
 others (`Diagram.sweep` given thresholds). Placements come from one run of greedy, each budget's
 polished by swaps from the better of greedy's and the one before with a camera more; then from the
-best paths.
+best paths. Where many cameras leave the diagram's bound behind, the concave relaxation is asked:
+its tangent at the fractional choice of one budget bounds all the others, too.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import cast
 
 import numpy as np
 
+from placement.bounds.concave import best_fraction
+from placement.bounds.matroid import root_choice
+from placement.bounds.tangent import tangent_bound
 from placement.diagram.passes import Diagram, Outcome, OutOfTime
+from placement.objectives.base import Relaxable
 from placement.objectives.trace import Trace
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
@@ -31,10 +37,15 @@ from placement.solvers.diagram import (
 )
 from placement.solvers.exchange import polish
 from placement.solvers.greedy import best_addition, climb
+from placement.solvers.trace_proof import RELAXATION, TOLERANCE
 
 EFFORTS = (Effort(60, 4, 2), Effort(120, 8, 4), Effort(250, 8, 4))
 GROWTH = 2.3  # times as long as the one before takes the next sweep
 MOST_LABELS = 25e6  # where there is no time limit
+RELAXATIONS = 8  # at most, each at the budget whose gap is then the greatest
+RELAX_SHARE = 0.15  # of a time limit
+RELAX_S = 10.0  # where there is none
+SLIGHT = 0.01  # a gap that no relaxation is asked about
 NEAR = 1.1  # a path's placement this near the best (as a share) is polished
 
 
@@ -61,6 +72,7 @@ class CurveProof:
     known: dict[int, Problem] = field(default_factory=dict)
     best: dict[int, list[int]] = field(default_factory=dict)
     value: dict[int, float] = field(default_factory=dict)
+    relaxed: dict[int, float] = field(default_factory=dict)  # bounds by the concave relaxation
     _diagrams: list[tuple[float, Diagram]] = field(default_factory=list)
     _labels: float = 0.0
 
@@ -80,26 +92,64 @@ class CurveProof:
                 self._diagrams.append((weight, diagram))
         with shortened(self.run, 0.4 * self.run.remaining()):
             self._search(most)
+        limited = math.isfinite(self.run.deadline)
         try:
-            self._refine()
+            with shortened(self.run, (1.0 - RELAX_SHARE) * self.run.remaining()):
+                self._refine()
+            finished = True
         except OutOfTime:
-            return False
-        return self.run.remaining() > LEAVE_TIME_S
+            finished = False
+        with shortened(self.run, self.run.remaining() - LEAVE_TIME_S if limited else RELAX_S):
+            self._relax()
+        return finished and self.run.remaining() > LEAVE_TIME_S
 
     def proposals(self, status: Status) -> list[Proposal]:
         """Return what was found and proven, with offsets unknown again."""
         objective = self.problem.objective
         persistent = isinstance(objective, Trace) and objective.persistent
-        stats = {"bound_from": KNOWN_OFFSETS if persistent else BOUND_FROM}
-        return [
-            Proposal(self.best[k], -min(self.bound(k), self.value[k]), status, dict(stats))
-            for k in self.budgets
-        ]
+        source = KNOWN_OFFSETS if persistent else BOUND_FROM
+        made = []
+        for k in self.budgets:
+            relaxed = self.relaxed.get(k, 0.0)
+            stats = {"bound_from": RELAXATION if relaxed > self.bound(k) else source}
+            bound = min(max(self.bound(k), relaxed), self.value[k])
+            made.append(Proposal(self.best[k], -bound, status, stats))
+        return made
 
     def bound(self, k: int) -> float:
         """Return the proven lower bound on the value for `k` cameras, in m²."""
         left = k - self._required()
         return float(sum(w * d.bounds[left] / d.drive.n_samples for w, d in self._diagrams))
+
+    def _gap(self, k: int) -> float:
+        """Return the share of the value that is not proven."""
+        bound = max(self.bound(k), self.relaxed.get(k, 0.0))
+        return 1.0 - bound / max(self.value[k], 1e-300)
+
+    def _relax(self) -> None:
+        """Bound all budgets by tangents of the relaxations of those whose gaps are greatest."""
+        tried: set[int] = set()
+        while len(tried) < RELAXATIONS and not self.run.out_of_time():
+            open_ones = [k for k in self.budgets if k not in tried and self._gap(k) > SLIGHT]
+            if not open_ones:
+                return
+            at = max(open_ones, key=self._gap)
+            tried.add(at)
+            problem = self.known[at]
+            objective = cast("Relaxable", problem.objective)
+            x = best_fraction(
+                objective,
+                root_choice(problem.constraints),
+                Run(self.run.rng, self.run.deadline, self.run.progress),
+                start=np.array(self.best[at], dtype=np.int64),
+                tolerance=TOLERANCE,
+            ).x
+            for k in sorted(self.budgets, key=lambda k: abs(k - at)):
+                if self.run.out_of_time() and k != at:
+                    return
+                bound = -tangent_bound(objective, self.known[k].constraints, x)
+                self.relaxed[k] = max(self.relaxed.get(k, 0.0), bound)
+            self.run.progress(f"relaxed at k = {at}", len(tried) / RELAXATIONS)
 
     def _required(self) -> int:
         """Return how many cameras every placement holds."""

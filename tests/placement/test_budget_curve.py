@@ -19,6 +19,7 @@ from placement.objectives.trace import Trace
 from placement.problem import Problem
 from placement.solution import Solution
 from placement.solve import solve
+from placement.solvers.trace_curve import CurveProof
 from placement.verify import verify_folder
 
 NewProblem = Callable[..., Problem]
@@ -138,6 +139,27 @@ def test_one_diagram_bounds_every_budget_of_trace() -> None:
         assert [s.value for s in curve.solutions] == sorted(
             (s.value for s in curve.solutions), reverse=True
         )
+
+
+def test_relaxations_of_some_budgets_bound_them_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(CurveProof, "_refine", lambda _self: None)  # nothing of the diagram's
+    monkeypatch.setattr("placement.solvers.trace_curve.RELAXATIONS", 2)
+    sources = set()
+    for seed in range(12):
+        rng = np.random.default_rng([5, seed])
+        drives = [random_drive(rng, 16, 8, isotropic=seed % 3 > 0, longest_window=6)]
+        objective = Trace(drives)
+        curve = budget_curve(Problem(objective, count_only(8, 5)), 2, 5)
+        for n, found in enumerate(curve.solutions):
+            best = min(
+                objective.value(np.array(s, dtype=np.int64))
+                for s in itertools.combinations(range(8), n + 2)
+            )
+            assert found.bound is not None
+            assert found.bound <= best * (1.0 + 1e-9)
+            assert found.bound >= 0.05 * best  # and no empty promise
+            sources.add(found.stats["bound_from"])
+    assert "concave relaxation" in sources
 
 
 def test_auto_takes_for_a_curve_no_more_than_twice_the_time_of_its_last_budget(
