@@ -222,19 +222,22 @@ Chosen = tuple[str, str, tuple[int, ...]]  # the objective placed for, the metho
 
 
 def _sets_found(rows: Sequence[dict[str, Any]], road: str, k: int) -> list[Chosen]:
-    """Return what methods found for k cameras along one road, no set twice."""
-    sets: dict[tuple[int, ...], Chosen] = {}
-    for row in rows:
-        if row["road"] == road and row["k"] == k and row["method"] in DRIVEN and row["selected"]:
-            selected = tuple(row["selected"])
-            sets.setdefault(selected, (row["objective"], row["method"], selected))
-    return list(sets.values())
+    """Return what methods found for k cameras along one road."""
+    return [
+        (row["objective"], row["method"], tuple(row["selected"]))
+        for row in rows
+        if row["road"] == road and row["k"] == k and row["method"] in DRIVEN and row["selected"]
+    ]
 
 
 def _drive_all(
     instance: Instance, k: int, sets: Sequence[Chosen], effort: Effort, seed: int
 ) -> list[dict[str, Any]]:
-    """Judge sets of k cameras, and as many random ones, by every objective and by driving."""
+    """Judge sets of k cameras, and as many random ones, by every objective and by driving.
+
+    A set that several methods found, or for several objectives, is driven once; its rows have the
+    same number in `set`.
+    """
     scene = assemble(instance)
     problems = problems_of(scene)
     rng = np.random.default_rng([seed, k])
@@ -242,11 +245,14 @@ def _drive_all(
     loose: list[Chosen] = [
         ("nothing", f"random {n}", _random_set(mount, k, rng)) for n in range(effort.random_sets)
     ]
-    return [
-        {"road": instance.name, "placed_for": objective, "method": method, "k": k}
-        | _judge(scene, problems, selected, effort.runs, seed)
-        for objective, method, selected in (*sets, *loose)
-    ]
+    judged: dict[tuple[int, ...], dict[str, Any]] = {}
+    rows = []
+    for objective, method, selected in (*sets, *loose):
+        if selected not in judged:
+            judged[selected] = _judge(scene, problems, selected, effort.runs, seed)
+        row = {"road": instance.name, "placed_for": objective, "method": method, "k": k}
+        rows.append(row | {"set": list(judged).index(selected)} | judged[selected])
+    return rows
 
 
 def _diminishing(instance: Instance, triples: int, seeds: Sequence[int]) -> list[dict[str, Any]]:

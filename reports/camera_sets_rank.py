@@ -53,8 +53,9 @@ def rank_correlations(driven: pd.DataFrame, objectives: Sequence[str]) -> pd.Dat
     """Return, for each road and k, Spearman's ρ of each objective with the closed loop.
 
     Signed so that 1 means: the better the objective, the smaller the error. Over the sets of one k
-    on one road, and under k = 0 over all of the road's.
+    on one road, and under k = 0 over all of the road's. A set counts once, whoever found it.
     """
+    driven = driven.drop_duplicates(["road", "k", "set"])
     rows = []
     for road, on_road in driven.groupby("road", sort=False):
         for k in (0, *sorted(on_road["k"].unique())):

@@ -203,9 +203,11 @@ def _figure(values: pd.DataFrame, ways: pd.DataFrame) -> Figure:
     """The objective by method over k, and every movement's worst lateral error."""
     figure = Figure(figsize=(7.6, 3.4))
     left, right = figure.subplots(1, 2)
-    for colour, method in zip(CYCLE, dict.fromkeys(values["method"]), strict=False):
+    methods = list(dict.fromkeys(values["method"]))
+    for n, (colour, method) in enumerate(zip(CYCLE, methods, strict=False)):
         line = values[values["method"] == method]
-        left.plot(line["k"], np.sqrt(line["trace_m2"]), ".-", color=colour, label=method)
+        left.plot(line["k"], np.sqrt(line["trace_m2"]), "o-", color=colour, label=method,
+                  fillstyle="none", markersize=9 - 1.2 * n, linewidth=0.8)  # fmt: skip
     bound = pd.to_numeric(values["bound_m2"]).groupby(values["k"]).max().dropna()
     left.plot(
         bound.index, np.sqrt(bound.to_numpy()), "_", color=GREY, markersize=9, label="proven bound"

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from models.files.geojson_out import collection, feature
+from models.files.geojson_out import area_feature, collection, feature
 from models.files.sumo_out import Shape, additional_file
 from models.footprints import footprint_polygon
+from models.shadows import Piece, Shadows
 from placement.output import cameras_table, to_csv
 from placement.roadway import file_network, georeference_of
 from reports.coverage_map import draw
 
 if TYPE_CHECKING:
-    from models.geometry import FloatArray
     from placement.atomic import Content
     from placement.commands import Result
 
@@ -29,15 +29,15 @@ def write(result: Result) -> dict[str, Content]:
     With a road from SUMO also `cameras.add.xml`, which its own programs load beside the network.
     """
     table = cameras_table(result.scene, result.solution)
-    outlines = _footprints(result)
+    grounds = _footprints(result)
     files: dict[str, Content] = {
-        "cameras.geojson": json.dumps(_as_geojson(result, table, outlines)) + "\n",
+        "cameras.geojson": json.dumps(_as_geojson(result, table, grounds)) + "\n",
         "bill_of_materials.csv": to_csv(bill_of_materials(result)),
     }
     network = file_network(result.scene.instance)
     if network is not None and network.source == "SUMO":
         files["cameras.add.xml"] = additional_file(
-            _shapes(table, outlines),
+            _shapes(table, grounds),
             f"cameras placed on {result.scene.instance.files['road.file'].name}",
         )
     return files | draw(result)
@@ -86,40 +86,45 @@ def _item(item: str, kind: str, quantity: int, unit: float) -> dict[str, Any]:
     }
 
 
-def _footprints(result: Result) -> list[FloatArray]:
-    """Return what each camera's image covers of the ground, (m, 2) or (0, 2)."""
+def _footprints(result: Result) -> list[list[Piece]]:
+    """Return what each camera sees of the ground past the buildings, none or more pieces."""
     scene = result.scene
     chosen = np.array(sorted(result.solution.selected), dtype=np.int64)
     cameras = scene.candidates.cameras.subset(chosen)
-    reach = scene.instance.camera.max_range_m
-    return [footprint_polygon(cameras, i, reach) for i in range(len(chosen))]
+    reach, shadows = scene.instance.camera.max_range_m, Shadows(scene.obstacles)
+    places = np.column_stack([cameras.x_m, cameras.y_m])
+    return [
+        shadows.visible(footprint_polygon(cameras, i, reach), places[i], float(cameras.height_m[i]))
+        for i in range(len(chosen))
+    ]
 
 
-def _as_geojson(result: Result, table: pd.DataFrame, outlines: list[FloatArray]) -> dict[str, Any]:
-    """Return a point a camera and a polygon a footprint, in the road file's own coordinates."""
+def _as_geojson(result: Result, table: pd.DataFrame, grounds: list[list[Piece]]) -> dict[str, Any]:
+    """Return a point a camera, and the ground it sees as areas, in the road file's coordinates."""
     where = georeference_of(result.scene.instance)
     features = []
     places = table[["x_m", "y_m"]].to_numpy(dtype=np.float64)
-    for n, (row, outline) in enumerate(zip(table.to_dict("records"), outlines, strict=True)):
+    for n, (row, pieces) in enumerate(zip(table.to_dict("records"), grounds, strict=True)):
         about = {"camera": n, **{str(key): value for key, value in row.items()}}
         point = where.to_file(places[n : n + 1])
         features.append(feature("Point", point, where, {**about, "what": "camera"}))
-        if len(outline):
-            ring = where.to_file(np.vstack((outline, outline[:1])))
-            features.append(feature("Polygon", ring, where, {"camera": n, "what": "footprint"}))
+        if pieces:
+            features.append(area_feature(pieces, where, {"camera": n, "what": "footprint"}))
     return collection(features, where)
 
 
-def _shapes(table: pd.DataFrame, outlines: list[FloatArray]) -> list[Shape]:
+def _shapes(table: pd.DataFrame, grounds: list[list[Piece]]) -> list[Shape]:
     """Return points and footprints in the network's own metres."""
     shapes = []
-    for n, (row, outline) in enumerate(zip(table.to_dict("records"), outlines, strict=True)):
+    for n, (row, pieces) in enumerate(zip(table.to_dict("records"), grounds, strict=True)):
         about = tuple(
             (str(key), f"{value:.10g}" if isinstance(value, float) else str(value))
             for key, value in row.items()
         )
         place = np.array([[row["x_m"], row["y_m"]]])
         shapes.append(Shape(f"camera_{n}", "camera", place, _CAMERA, 11.0, about))
-        if len(outline):
-            shapes.append(Shape(f"footprint_{n}", "camera.footprint", outline, _SEEN, 9.0))
+        # SUMO's shapes know no holes: what lies in one is painted too.
+        for m, piece in enumerate(pieces):
+            name = f"footprint_{n}" + (f"_{m}" if m else "")
+            shapes.append(Shape(name, "camera.footprint", piece.outline, _SEEN, 9.0))
     return shapes

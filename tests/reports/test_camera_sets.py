@@ -61,9 +61,12 @@ def test_a_perfect_prophet_has_rank_correlation_one() -> None:
     k = [2] * 5
     error = [0.5, 0.4, 0.3, 0.2, 0.1]
     driven = pd.DataFrame(
-        {"road": "r", "k": k, "trace": error, "entropy": error[::-1], "cross_track_rms_m": error,
+        {"road": "r", "k": k, "set": range(5), "trace": error, "entropy": error[::-1],
+         "cross_track_rms_m": error,
          "error_rms_m": error}
     )  # fmt: skip
-    table = rank_correlations(driven, ["trace", "entropy"]).set_index(["k", "objective"])
+    twice = pd.concat([driven, driven])  # found by two methods: still five sets
+    table = rank_correlations(twice, ["trace", "entropy"]).set_index(["k", "objective"])
+    assert (table["sets"] == 5).all()
     assert table.loc[(2, "trace"), "cross_track"] == pytest.approx(1.0)
     assert table.loc[(2, "entropy"), "cross_track"] == pytest.approx(1.0)
