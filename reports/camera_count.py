@@ -47,7 +47,7 @@ TOLERANCES_M = (0.10, 0.20, 0.29, 0.57)
 HEIGHTS_M = (6.0, 8.0, 10.0, 12.0)
 QUALITIES = (0.5, 1.0, 2.0)  # times the default errors of installation
 POSITION_M, ORIENTATION_DEG = 0.03, 0.5
-LOOKS = 1500  # at the clock, a fraction of a minute: what ends by them says `time_limit`
+LOOKS = 500  # at the clock, some seconds to a minute: what ends by them says `time_limit`
 
 
 @dataclass(frozen=True, slots=True)
