@@ -22,9 +22,10 @@ import numpy as np
 
 from models.geometry import BoolArray, FloatArray, IntArray
 from placement.branch.climb import LOG_DET, TRACE_INVERSE
+from placement.branch.relax import relax
 from placement.branch.swaps import better_by_swaps, score_of
 from placement.branch.symmetry import orbits, products
-from placement.branch.tree import FREE, IN, OUT, relax, search
+from placement.branch.tree import FREE, IN, OUT, search
 from placement.objectives.log_det import LogDet
 from placement.objectives.trace_inverse import TraceInverse, inverse_root
 from placement.problem import Problem, Run
