@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import csv
-import os
-import signal
+import json
 import subprocess
 import sys
 import time
@@ -12,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from benchmarks.rivals.registry import RIVALS, Answer
@@ -132,31 +132,54 @@ def test_a_job_over_its_hard_limit_is_killed_and_a_crash_is_told() -> None:
     assert "nonsense" in crashed["note"]
 
 
-@pytest.mark.slow
-def test_the_run_goes_on_where_it_was_killed(tmp_path: Path) -> None:
+def _benchmark(out: Path) -> list[str]:
     start = "from placement.cli import main; main()"
-    arguments = ["benchmark", "smoke", "--out", str(tmp_path), "--instance", "legendre-5", "-q"]
-    command = [sys.executable, "-c", start, *arguments]
-    process = subprocess.Popen(command)  # noqa: S603
-    journal = tmp_path / "journal.jsonl"
-    for _ in range(600):
-        if journal.exists() and journal.read_bytes().count(b"\n") >= 2:
+    solvers = ["--solver", "greedy", "--solver", "exchange"]
+    few = ["--instance", "legendre-5", *solvers, "--seeds", "4", "-q"]
+    return [sys.executable, "-c", start, "benchmark", "smoke", "--out", str(out), *few]
+
+
+def _told(out: Path) -> list[dict[str, str]]:
+    """Return the rows of `results.csv` without what differs from run to run."""
+    with (out / "results.csv").open() as file:
+        return [{k: v for k, v in row.items() if k not in TIMES} for row in csv.DictReader(file)]
+
+
+@pytest.mark.slow
+def test_a_run_killed_again_and_again_loses_and_doubles_no_row(tmp_path: Path) -> None:
+    killed, whole = tmp_path / "killed", tmp_path / "whole"
+    journal = killed / "journal.jsonl"
+    rng, kills, before = np.random.default_rng(0), 0, b""
+    while kills < 40:
+        process = subprocess.Popen(_benchmark(killed))  # noqa: S603
+        lines = before.count(b"\n")
+        # let it get one row further, so that it comes to an end, then kill at any moment
+        while process.poll() is None and not (
+            journal.exists() and journal.read_bytes().count(b"\n") > lines
+        ):
+            time.sleep(0.01)
+        time.sleep(rng.uniform(0.0, 1.5))
+        process.kill()
+        if process.wait() == 0:
             break
-        time.sleep(0.05)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
-    before = journal.read_bytes()
-    assert not (tmp_path / "results.csv").exists()
-    subprocess.run(command, check=True)  # noqa: S603
-    assert journal.read_bytes().startswith(before[: before.rfind(b"\n") + 1])
-    with (tmp_path / "results.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert [row["solver"] for row in rows] == ["greedy", "exchange", "auto"]
-    assert all(row["verified"] == "yes" for row in rows)
+        kills += 1
+        after = journal.read_bytes()
+        assert after.startswith(before[: before.rfind(b"\n") + 1])
+        before = after
+    assert kills > 4
+    subprocess.run(_benchmark(killed), check=True)  # noqa: S603
+    rows = [json.loads(line) for line in journal.read_bytes().splitlines()][1:]
+    keys = [row["job"] for row in rows]
+    assert sorted(keys) == sorted(
+        f"legendre-5 {solver} {seed} 0" for solver in ("greedy", "exchange") for seed in range(4)
+    )
     assert {"summary.csv", "summary.md", "gap_time.png", "scaling.svg"} <= {
-        path.name for path in tmp_path.iterdir()
+        path.name for path in killed.iterdir()
     }
-    assert len(journal.read_text().splitlines()) == 4
+    # another run with the same seeds, never killed, tells the same
+    subprocess.run(_benchmark(whole), check=True)  # noqa: S603
+    assert _told(killed) == _told(whole)
+    assert all(row["verified"] == "yes" for row in _told(whole))
 
 
 def test_rows_of_repeats_become_one_with_every_second(tmp_path: Path) -> None:
