@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from models.files.geojson import LOCAL
 from models.geometry import FloatArray
 from models.georeference import LONGITUDE_LATITUDE, Georeference, parse_crs
+from models.shadows import Piece
 
 _DEGREES, _METRES = 9, 4  # decimals: a tenth of a millimetre
 
@@ -27,6 +28,26 @@ def feature(
     return {
         "type": "Feature",
         "geometry": {"type": kind, "coordinates": coordinates},
+        "properties": dict(properties),
+    }
+
+
+def area_feature(
+    pieces: Sequence[Piece], where: Georeference, properties: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return a Polygon, or a MultiPolygon of several pieces, given in the road's frame."""
+    digits = _METRES if _is_metres(where) else _DEGREES
+    areas = []
+    for piece in pieces:
+        rings = [np.vstack((ring, ring[:1])) for ring in (piece.outline, *piece.holes)]
+        areas.append([np.round(where.to_file(ring), digits).tolist() for ring in rings])
+    single = len(areas) == 1
+    return {
+        "type": "Feature",
+        "geometry": {
+            "type": "Polygon" if single else "MultiPolygon",
+            "coordinates": areas[0] if single else areas,
+        },
         "properties": dict(properties),
     }
 
