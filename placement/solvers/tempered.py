@@ -7,7 +7,9 @@ which lets the next share θ, then the second order, bound more sharply; and the
 by swaps, better the placement. What remains is searched best first. Every stage has a valid bound
 while it runs, and `stats["bounds"]` tells what each has proven.
 
-Cameras with persistent offsets: the relaxation alone, so far.
+Cameras with persistent offsets go the same way. Their background is white, of cameras that stand in
+for them (`placement.tempered.background`), and the relaxation, which is dear and weak for them,
+has a fifth of the time.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
 from placement.solvers.exchange import polish
 from placement.solvers.greedy import climb
+from placement.tempered.background import background_of, stand_in
 from placement.tempered.bound import Line, SecondOrder, Tempered, make_line
 from placement.tempered.dominance import dominated
 from placement.tempered.paths import OutOfTimeError
@@ -37,7 +40,11 @@ THINNED = 600  # candidates of a thinned line
 FIRST_ORDER_PASSES = 5
 SECOND_ORDER_PASSES = 8
 WORTH_IT = 0.8  # go on while a pass leaves fewer than this share of the arcs
-MOST_PAIRS = 4e8  # bytes of first-order gains; a line longer than 10,000 is not bounded by chains
+# with persistent errors: shares, and multiples of the background
+PERSISTENT_SHARES = (1.0, 0.98, 0.95, 0.9, 0.8, 0.6)
+SCALES = (1.0, 0.3)
+RELAXED_SHARE = 0.2  # of the time left, for the relaxation of persistent errors
+MOST_PAIRS = 5e8  # bytes of first-order gains; a line longer than 11,000 is not bounded by chains
 MOST_TRIPLES = 250_000_000  # second-order gains held at one time: 1 GB
 DONE = 1e-7  # relative gap that counts as closed: a tenth of what `optimal` asks for
 LEAVE_TIME_S = 0.3
@@ -77,7 +84,9 @@ class Proof:
     score: float = -np.inf
     stats: dict[str, Any] = field(default_factory=dict)
     inner: Run = field(init=False)
-    background: FloatArray = field(init=False)
+    background: list[FloatArray] = field(init=False)
+    scales: tuple[float, ...] = (1.0,)
+    scale: float = 1.0
 
     def work(self) -> bool:
         """Go through the stages; return whether there is nothing left that time could improve."""
@@ -93,7 +102,7 @@ class Proof:
             return True
         if line is None:
             return not run.out_of_time()
-        line = self._first_order(line)
+        line = self._first_order(line, SHARES if self.white else PERSISTENT_SHARES)
         if self._closed() or self.problem.constraints.budget < 2:
             return True
         return self._second_order(line)
@@ -102,32 +111,44 @@ class Proof:
         """Bound by the concave relaxation; return who is left, None where chains cannot go."""
         constraints = self.problem.constraints
         choice = root_choice(constraints)
-        white = not any(drive.persistent for drive in self.objective.drives)
         # where poses of a mount may differ in price, more knowledge is not always better
-        if white and not constraints.beyond_matroid():
+        if self.white and not constraints.beyond_matroid():
             seen_by = [drive.information for drive in self.objective.drives]
             lost = dominated(seen_by, constraints.group, choice.allowed)
             lost[constraints.required] = False
             choice = without(choice, lost)
         self.run.progress("solving the concave relaxation", None)
+        relaxation = self.inner
+        if not self.white:
+            limit = time.monotonic() + RELAXED_SHARE * min(self.inner.remaining(), 1e6)
+            relaxation = Run(self.run.rng, deadline=min(limit, self.inner.deadline))
         found = best_fraction(
             self.objective,
             choice,
-            self.inner,
+            relaxation,
             beat=self.score,
             start=np.array(self.selected, dtype=np.int64),
             report=lambda bound: self._bounded("relaxation", bound),
         )
-        self.background = found.x
         left = np.flatnonzero(found.choice.allowed)
         self.stats["candidates_after_relaxation"] = int(left.size)
-        if not white or 4.0 * left.size**2 > MOST_PAIRS:
+        if 4.0 * left.size**2 > MOST_PAIRS:
             return None
+        white, y = stand_in(self.objective), found.x
+        if white is not self.objective:
+            self.scales = SCALES
+            y = best_fraction(white, choice, self.inner, tolerance=1e-3).x
+        self.background = background_of(white, y)
         return make_line(self.objective, constraints, left)
 
-    def _first_order(self, line: Line) -> Line:
+    @property
+    def white(self) -> bool:
+        """Whether no camera's errors persist."""
+        return not any(drive.persistent for drive in self.objective.drives)
+
+    def _first_order(self, line: Line, shares: tuple[float, ...]) -> Line:
         """Bound by first-order chains at the shares that bound best, and thin out the line."""
-        share, seconds = self._best_share(line, SHARES)
+        share, seconds = self._best_share(line, shares)
         for _ in range(FIRST_ORDER_PASSES):
             n = line.candidate.size
             if n < 2 or 0.25 * seconds * n * n > self.inner.remaining():
@@ -198,15 +219,16 @@ class Proof:
         step = max(1, -(-line.candidate.size // THINNED))
         keep = np.arange(line.candidate.size)
         thin = line.subset(keep[(keep % step == 0) | line.required])
-        bounds, took = [], np.inf
-        for share in shares:
-            if len(shares) == 1:
-                break
-            started = time.monotonic()
-            bounds.append(self._tempered(thin, share).bound())
-            took = min(took, time.monotonic() - started)
-        best = shares[int(np.argmin(bounds))] if bounds else shares[0]
-        return best, took / max(thin.candidate.size, 1) ** 2
+        took, best = np.inf, (np.inf, self.scale, shares[0])
+        for scale in self.scales:
+            for share in shares if len(shares) > 1 else ():
+                if share == 1.0 and scale != self.scales[0]:
+                    continue  # the same chain: it has no background
+                self.scale, started = scale, time.monotonic()
+                best = min(best, (self._tempered(thin, share).bound(), scale, share))
+                took = min(took, time.monotonic() - started)
+        self.scale = best[1]
+        return best[2], took / max(thin.candidate.size, 1) ** 2
 
     def _tempered(self, line: Line, share: float) -> Tempered:
         self.run.progress(
@@ -219,7 +241,7 @@ class Proof:
             line,
             min(budget, max(line.candidate.size, 1)),
             share,
-            self.background,
+            [self.scale * base for base in self.background],
             self.inner,
         )
 

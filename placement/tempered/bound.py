@@ -28,6 +28,7 @@ that is a fact about placements, so what different θ and y rule out adds up.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,13 +37,15 @@ from models.geometry import BoolArray, FloatArray, IntArray
 from placement.bounds.restrict import restricted_information
 from placement.constraints import Constraints
 from placement.objectives.entropy import Entropy
-from placement.objectives.navigation import WhiteDrive
 from placement.objectives.navigation_chain import Drive
 from placement.problem import Run
 from placement.tempered import paths
+from placement.tempered.background import score_of
+from placement.tempered.crossings import ROW, alone, cross_each
 from placement.tempered.gains import add_pair_gains, add_triple_gains, fill_pair_gains
+from placement.tempered.process import Cameras, Process, cameras_of, larger_pieces, take_in
 
-ROWS = 256  # of gains between two looks at the clock
+ROWS = 128  # of gains between two looks at the clock
 TRIPLES = 500_000  # the same
 ROUNDING = 1e-11  # relative error allowed for in f at fractional points
 
@@ -101,60 +104,70 @@ def make_line(objective: Entropy, constraints: Constraints, candidates: IntArray
     return Line(ordered, group, required, alive)
 
 
+class OnDrive(NamedTuple):
+    """One drive of a tempered bound: its weight, the chain, and what the line's cameras see.
+
+    `narrow` are the cameras that others are conditioned on, `whole` (n,) those that keep all they
+    see there; `rows` and `all_rows` (n, ROW) are the cameras' own stretches, of the narrow and all.
+    """
+
+    weight: float
+    process: Process
+    narrow: Cameras
+    rows: FloatArray
+    whole: BoolArray
+    cameras: Cameras
+    all_rows: FloatArray
+    alone: FloatArray
+
+
 @dataclass(slots=True)
 class Tempered:
-    """The bound for one background and share, over a line of candidates."""
+    """The bound for one background (t, 3) a drive and one share, over a line of candidates."""
 
     objective: Entropy
     line: Line
     budget: int
     theta: float
-    background: FloatArray
+    background: list[FloatArray]
     run: Run
     alone: FloatArray = field(init=False)
     pairs: NDArray[np.float32] = field(init=False)
     F: FloatArray = field(init=False)
     B: FloatArray = field(init=False)
     constant: float = field(init=False)
-    drives: list[tuple[float, WhiteDrive, FloatArray]] = field(init=False)
+    drives: list[OnDrive] = field(init=False)
 
     def __post_init__(self) -> None:
         """Compute all gains to first order and the tables of best paths."""
         n = self.line.candidate.size
-        y = self.background
-        remaining = (1.0 - self.theta) * y
-        support = np.flatnonzero(remaining)
-        self.drives = []
+        self.drives = [
+            on_drive(drive, self.line.candidate, base, self.theta)
+            for drive, base in zip(self.objective.drives, self.background, strict=True)
+        ]
         self.alone = np.zeros(n)
         self.pairs = np.zeros((n, n), dtype=np.float32)
-        at_y = at_rest = 0.0
-        for drive in self.objective.drives:
-            whole = WhiteDrive(drive)
-            base = whole.total(support, remaining[support])
-            small = WhiteDrive(_over(drive, self.line.candidate))
-            for begin in range(0, n + 1, ROWS):
+        for d in self.drives:
+            self.alone += d.weight * d.alone
+            for begin in range(0, n, ROWS):
                 paths.stop_in_time(self.run)
                 add_pair_gains(
-                    small.indptr,
-                    small.indices,
-                    small.blocks,
-                    small.frames * self.theta,
-                    small.steps,
-                    small.p0,
-                    base,
-                    drive.weight,
+                    d.process,
+                    d.narrow,
+                    d.rows,
+                    d.whole,
+                    d.alone,
+                    self.line.alive,
+                    d.weight,
                     begin,
-                    min(begin + ROWS, n + 1),
-                    self.alone,
+                    min(begin + ROWS, n),
                     self.pairs,
                 )
-            self.drives.append((drive.weight, small, base))
-        if support.size:
-            at_y, at_rest = self.objective.relaxed(y)[0], self.objective.relaxed(remaining)[0]
+        at_y = score_of(self.objective, self.background, 1.0)
+        at_rest = score_of(self.objective, self.background, 1.0 - self.theta)
         self.constant = (at_rest - (1.0 - self.theta) * at_y) + ROUNDING * (at_rest + at_y)
         self.alone = self.alone * (1.0 + 1e-9) + 1e-9 * (self.alone > 0.0)
         self.alone[~self.line.may_start] = -np.inf
-        self.pairs[~self.line.alive] = -np.inf
         k = max(self.budget, 1)
         self.F, self.B = paths.tables(self.pairs, self.alone, self.ends, k, self.run)
 
@@ -206,6 +219,8 @@ class SecondOrder:
         Pairs of arcs that to first order are part of no placement above `beat` are left out.
         """
         self.first = first
+        # white cameras' triples are filtered whole; with offsets that is six states a camera more
+        self.exact = all(d.cameras.offsets.shape[2] == 0 for d in first.drives)
         line, run = first.line, first.run
         self.arcs = arcs = paths.lay_out(line.alive)
         self.gains = np.zeros(int(arcs.triple[-1]), dtype=np.float32)
@@ -222,16 +237,15 @@ class SecondOrder:
             done = work[begin - 1] if begin else 0
             end = int(np.searchsorted(work, done + TRIPLES, side="right"))
             end = min(max(end, begin + 1), n)
-            for weight, small, base in first.drives:
+            for d in first.drives:
                 add_triple_gains(
-                    small.indptr,
-                    small.indices,
-                    small.blocks,
-                    small.frames * first.theta,
-                    small.steps,
-                    small.p0,
-                    base,
-                    weight,
+                    d.process,
+                    d.narrow,
+                    d.rows,
+                    d.whole,
+                    d.alone,
+                    self.exact,
+                    d.weight,
                     arcs.into,
                     arcs.source,
                     arcs.out_of,
@@ -275,5 +289,22 @@ class SecondOrder:
         return Line(smaller.candidate, smaller.group, smaller.required, alive[np.ix_(keep, keep)])
 
 
-def _over(drive: Drive, candidates: IntArray) -> Drive:
-    return replace(drive, information=restricted_information(drive.information, candidates))
+def on_drive(drive: Drive, candidates: IntArray, base: FloatArray, theta: float) -> OnDrive:
+    """Lay out `candidates` of one drive with a share 1 − `theta` of the background `base` taken in.
+
+    Each counts with a share `theta` of its information.
+    """
+    process = take_in(drive.steps(), drive.initial_covariance(), (1.0 - theta) * base)
+    over = replace(drive, information=restricted_information(drive.information, candidates))
+    cameras = cameras_of(over, theta)
+    all_rows, by_itself = np.empty((candidates.size, ROW)), np.zeros(candidates.size)
+    cross_each(process, cameras, all_rows)
+    alone(process, cameras, all_rows, by_itself)
+    cut, whole = larger_pieces(over)
+    narrow, rows = cameras, all_rows
+    if not whole.all():
+        narrow, rows = cameras_of(cut, theta), np.empty_like(all_rows)
+        cross_each(process, narrow, rows)
+    return OnDrive(
+        drive.weight, process, narrow, rows, whole, cameras, all_rows, np.maximum(by_itself, 0.0)
+    )

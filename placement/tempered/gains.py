@@ -1,34 +1,22 @@
-"""Gains of cameras given one or two others and a background of fractional cameras.
+"""Gains of cameras given one or two others on a chain that has the background taken in.
 
-Every kernel works on one drive with white errors. `base` (t, 3) is the background's information,
-and candidates count with a share θ of theirs: the gain of i given j is
+The gain of b given a is
 
-    g(i | j) = log det(Λ_0 + base + θ Λ_j + θ Λ_i) − log det(Λ_0 + base + θ Λ_j)
+    g(b | a) = log det(Λ' + θ Λ_a + θ Λ_b) − log det(Λ' + θ Λ_a)
 
-over the whole trajectory, Λ_0 the odometry's information, computed over i's window alone between
-stored messages (`placement.objectives.windows.entropy` has the formula and its proof).
+over the whole trajectory, Λ' the information of odometry and background (`tempered.process`), Λ_i
+with a persistent camera's offsets marginalised. Cameras out of each other's sight depend on one
+another only through the car's covariance where the later window begins (`tempered.crossings`).
 """
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numba import njit, prange
 
-from placement.objectives.windows.filter import (
-    RESCALE,
-    add_rows,
-    filter_forward,
-    inform_backward,
-    log_det_plus,
-    parallel,
-    predict,
-    pull_back,
-    put6,
-    row6,
-    update,
-)
+from placement.objectives.windows.filter import put6, row6
+from placement.tempered.crossings import ROW, after, cross, run_through, work_space, worth
+from placement.tempered.process import predict_ahead, prior_at, step_on
 
 # A gain is a difference of sums of a few hundred logarithms, 1e-13 off each; far more is allowed.
 GAIN_ABSOLUTE = 1e-9
@@ -44,121 +32,55 @@ def rounded_up(gain):  # type: ignore[no-untyped-def]
     return np.float32(gain * (1.0 + 1.3e-7 + GAIN_RELATIVE) + GAIN_ABSOLUTE)
 
 
-@njit(cache=True)
-def gain_over_window(indptr, indices, blocks, scale, i, steps, total, before, logs, later, through):  # type: ignore[no-untyped-def]
-    """Return candidate i's gain; all messages must be right over its window, `before` at its start.
-
-    `through` (t,): log dets up to and including t and log det(I + P_t Γ_t), as `walk` leaves it.
-    """
-    first, stop = indptr[i], indptr[i + 1]
-    if first == stop:
-        return 0.0
-    isotropic = blocks.shape[1] == 1
-    t = np.int64(indices[first])
-    p = row6(before, t)
-    log_sum, product = logs[t], 1.0
-    for e in range(first, stop):
-        u = np.int64(indices[e])
-        while t < u:
-            t += 1
-            p = predict(p, steps[t])
-            if t < u:
-                q0, q1, q2, q3, q4, q5, det = update(p, total[t, 0], total[t, 1], total[t, 2])
-                p = (q0, q1, q2, q3, q4, q5)
-                product *= det
-                if product > RESCALE:
-                    log_sum += math.log(product)
-                    product = 1.0
-        jtt = scale * np.float64(blocks[e, 0])
-        jtn, jnn = 0.0, jtt
-        if not isotropic:
-            jtn, jnn = scale * np.float64(blocks[e, 1]), scale * np.float64(blocks[e, 2])
-        q0, q1, q2, q3, q4, q5, det = update(
-            p, total[t, 0] + jtt, total[t, 1] + jtn, total[t, 2] + jnn
-        )
-        p = (q0, q1, q2, q3, q4, q5)
-        product *= det
-        if product > RESCALE:
-            log_sum += math.log(product)
-            product = 1.0
-    return log_sum + math.log(product) + log_det_plus(p, row6(later, t)) - through[t]
-
-
-@njit(cache=True)
-def walk(steps, total, lo, hi, before, after, logs, later, through):  # type: ignore[no-untyped-def]
-    """Renew the forward messages of samples lo…hi, from `before` and `logs` at `lo`."""
-    p = row6(before, lo)
-    log_sum = logs[lo]
-    for t in range(lo, hi + 1):
-        if t > lo:
-            p = predict(p, steps[t])
-            put6(before, t, p)
-            logs[t] = log_sum
-        q0, q1, q2, q3, q4, q5, det = update(p, total[t, 0], total[t, 1], total[t, 2])
-        p = (q0, q1, q2, q3, q4, q5)
-        put6(after, t, p)
-        log_sum += math.log(det)
-        through[t] = log_sum + log_det_plus(p, row6(later, t))
-
-
-@njit(cache=True)
-def walk_back(steps, total, lo, hi, later):  # type: ignore[no-untyped-def]
-    """Renew the backward messages of samples lo…hi − 1, from `later` at `hi`."""
-    g = row6(later, hi)
-    for t in range(hi, lo, -1):
-        g = (g[0] + total[t, 0], g[1] + total[t, 1], g[2], g[3] + total[t, 2], g[4], g[5])
-        q = (steps[t, 4], steps[t, 5], steps[t, 6], steps[t, 7], steps[t, 8], steps[t, 9])
-        g = pull_back(parallel(g, q), steps[t])
-        put6(later, t - 1, g)
-
-
 @njit(cache=True, parallel=True)
-def add_pair_gains(  # type: ignore[no-untyped-def]
-    indptr, indices, blocks, scale, steps, p0, base, weight, begin, end, alone, pairs
-):
-    """Add `weight` times the gains given each a in begin…end − 1, to row a of `pairs` (n, n).
+def add_pair_gains(process, cameras, rows, whole, alone, alive, weight, begin, end, pairs):  # type: ignore[no-untyped-def]
+    """Add `weight` times the gains given each a in begin … end − 1 to row a of `pairs` (n, n).
 
-    Only b > a are written. Given a = n, which is nobody, the gains go to `alone` (n,).
+    `rows` (n, ROW) are each camera's own stretch and `alone` (n,) its gain given nobody. Cameras
+    that are not `whole` (n,) lack a piece of what they see: conditioning on less is valid, but they
+    themselves gain `alone`, of the whole. Pairs not `alive` are −∞.
     """
-    n, samples = alone.size, steps.shape[0]
+    n = alone.size
+    p = cameras.offsets.shape[2]
+    first, last = cameras.first, cameras.last
+    samples = process.prior.shape[0]
     for a in prange(begin, end):
-        total = base.copy()
-        if a < n:
-            one = np.ones(1)
-            add_rows(indptr, indices, blocks, scale, one, np.arange(a, a + 1), total)
-        before, after = np.empty((samples, 6)), np.empty((samples, 6))
-        logs, through = np.empty(samples), np.empty(samples)
-        later = np.empty((samples, 6))
-        filter_forward(steps, p0, total, before, after, logs)
-        inform_backward(steps, total, later)
-        for t in range(samples):
-            det = update(row6(before, t), total[t, 0], total[t, 1], total[t, 2])[6]
-            through[t] = logs[t] + math.log(det) + log_det_plus(row6(after, t), row6(later, t))
-        if a == n:
-            for b in range(n):
-                gain = gain_over_window(
-                    indptr, indices, blocks, scale, b, steps, total, before, logs, later, through
-                )
-                alone[b] += weight * max(gain, 0.0)
-        else:
-            for b in range(a + 1, n):
-                if indptr[b] == indptr[b + 1]:
-                    continue
-                gain = gain_over_window(
-                    indptr, indices, blocks, scale, b, steps, total, before, logs, later, through
-                )
-                pairs[a, b] = rounded_up(np.float64(pairs[a, b]) + weight * max(gain, 0.0))
+        space = work_space(2, p)
+        ahead, row = np.empty((samples, 6)), np.empty(ROW)
+        both = np.empty(2, np.int64)
+        both[0] = a
+        given = 0.0
+        if last[a] >= 0:
+            start = prior_at(process, first[a])
+            given = worth(start, rows[a])
+            behind = after(start, rows[a])
+            predict_ahead(process, behind, last[a], samples - 1, ahead)
+        for b in range(a + 1, n):
+            if not alive[a, b]:
+                pairs[a, b] = -np.inf
+                continue
+            if last[b] < 0:
+                continue
+            if last[a] < 0 or not whole[b]:
+                gain = alone[b]
+            elif first[b] > last[a]:
+                gain = worth(row6(ahead, first[b]), rows[b])
+            else:
+                both[1] = b
+                s = min(first[a], first[b])
+                cross(process, cameras, both, s, max(last[a], last[b]), space, row)
+                gain = min(worth(prior_at(process, s), row) - given, alone[b])
+            pairs[a, b] = rounded_up(np.float64(pairs[a, b]) + weight * max(gain, 0.0))
 
 
 @njit(cache=True, parallel=True)
 def add_triple_gains(  # type: ignore[no-untyped-def]
-    indptr,
-    indices,
-    blocks,
-    scale,
-    steps,
-    p0,
-    base,
+    process,
+    cameras,
+    rows,
+    whole,
+    alone,
+    exact,
     weight,
     into,
     source,
@@ -173,31 +95,35 @@ def add_triple_gains(  # type: ignore[no-untyped-def]
     Arcs are sorted by target, those into j are `into[j]:into[j + 1]` with their `source`; those out
     of j have their `target` in `out_of[j]:out_of[j + 1]`. The gains given arc a are
     `out[triple[a]:triple[a + 1]]`, in the order of its target's arcs out. Those that are −∞ stay.
+
+    Where h and the pair j, k see the same stretch, the gain is given j and what h saw before that
+    stretch, unless `exact`; less to be conditioned on is valid. `rows`, `whole`, `alone`: as for
+    pairs.
     """
-    n, samples = into.size - 1, steps.shape[0]
-    first, last = np.empty(n, np.int64), np.empty(n, np.int64)
-    for i in range(n):
-        empty = indptr[i] == indptr[i + 1]
-        first[i] = samples - 1 if empty else indices[indptr[i]]
-        last[i] = 0 if empty else indices[indptr[i + 1] - 1]
-    before0, after0 = np.empty((samples, 6)), np.empty((samples, 6))
-    logs0, later0 = np.empty(samples), np.empty((samples, 6))
-    filter_forward(steps, p0, base, before0, after0, logs0)
-    inform_backward(steps, base, later0)
-    one = np.ones(1)
+    p = cameras.offsets.shape[2]
+    first, last = cameras.first, cameras.last
+    samples = process.prior.shape[0]
     for place in prange(nodes.size):
         j = nodes[place]
         begin, end = out_of[j], out_of[j + 1]
         if begin == end or into[j] == into[j + 1]:
             continue
-        low, high = first[j], last[j]
+        space = work_space(3, p)
+        none = np.empty((3 + 3 * p, 0))
+        two, three, one = np.empty(2, np.int64), np.empty(3, np.int64), np.empty(1, np.int64)
+        by_h, ahead, row = np.empty((samples, 6)), np.empty((samples, 6)), np.empty(ROW)
+        # what j and each k that meets it make of their stretch together
+        joint = np.empty((end - begin, ROW))
+        farthest = 0
         for m in range(begin, end):
-            low = min(low, first[target[m]])
-            high = max(high, last[target[m]])
-        before, after, later = before0.copy(), np.empty((samples, 6)), later0.copy()
-        logs, through = logs0.copy(), np.empty(samples)
-        total = base.copy()
-        add_rows(indptr, indices, blocks, scale, one, np.arange(j, j + 1), total)
+            k = target[m]
+            if last[k] < 0 or not whole[k]:
+                continue
+            farthest = max(farthest, first[k])
+            if last[j] >= 0 and first[k] <= last[j]:
+                two[0], two[1] = j, k
+                s = min(first[j], first[k])
+                cross(process, cameras, two, s, max(last[j], last[k]), space, joint[m - begin])
         for a in range(into[j], into[j + 1]):
             h = source[a]
             wanted = False
@@ -206,38 +132,173 @@ def add_triple_gains(  # type: ignore[no-untyped-def]
                     wanted = True
             if not wanted:
                 continue
-            add_rows(indptr, indices, blocks, scale, one, np.arange(h, h + 1), total)
-            start = min(low, first[h], first[j])
-            back = max(last[h], last[j])
-            walk_back(steps, total, min(start, low), back, later)
-            # samples before `start` know of neither h nor j, those after `back` have base's future
-            walk(steps, total, start, max(high, back), before, after, logs, later, through)
+            # `by_h` from h's first sample on: the car as h knows it; until then nobody does
+            h_from = samples
+            if last[h] >= 0:
+                h_from = first[h]
+                low = max(first[j] if last[j] >= 0 else farthest, last[h])
+                set_covariance(space[0], prior_at(process, h_from))
+                one[0] = h
+                run_through(process, cameras, one, h_from, last[h], space, none, by_h)
+                predict_ahead(process, row6(by_h, last[h]), last[h], max(low, farthest), by_h)
+            # `ahead` behind both
+            behind = -1
+            both_worth = 0.0
+            if last[j] >= 0:
+                if last[h] < 0:
+                    p_j = prior_at(process, first[j])
+                    p_end, behind = after(p_j, rows[j]), last[j]
+                elif first[j] > last[h]:
+                    p_j = row6(by_h, first[j])
+                    p_end, behind = after(p_j, rows[j]), last[j]
+                else:
+                    two[0], two[1] = h, j
+                    s, behind = min(first[h], first[j]), max(last[h], last[j])
+                    cross(process, cameras, two, s, behind, space, row)
+                    both_worth = worth(prior_at(process, s), row)
+                    p_end = after(prior_at(process, s), row)
+                predict_ahead(process, p_end, behind, farthest, ahead)
+            elif last[h] >= 0:
+                behind = last[h]
+                predict_ahead(process, row6(by_h, last[h]), behind, farthest, ahead)
             for m in range(begin, end):
                 k = target[m]
-                if indptr[k] == indptr[k + 1] or out[triple[a] + m - begin] == -np.inf:
-                    continue
-                gain = gain_over_window(
-                    indptr, indices, blocks, scale, k, steps, total, before, logs, later, through
-                )
                 at = triple[a] + m - begin
+                if last[k] < 0 or out[at] == -np.inf:
+                    continue
+                if not whole[k] or behind < 0:
+                    gain = alone[k]
+                elif first[k] > behind:
+                    gain = worth(row6(ahead, first[k]), rows[k])
+                elif last[j] < 0:
+                    gain = alone[k]
+                else:
+                    s = min(first[j], first[k])
+                    if exact and last[h] >= s:
+                        three[0], three[1], three[2] = h, j, k
+                        s = min(s, first[h])
+                        stop = max(max(last[h], last[j]), last[k])
+                        set_covariance(space[0], prior_at(process, s))
+                        gain = run_through(
+                            process, cameras, three, s, stop, space, none, np.empty((0, 6))
+                        )
+                        gain -= cameras.own[h] + cameras.own[j] + cameras.own[k]
+                        if both_worth == 0.0:
+                            p_h = prior_at(process, first[h])
+                            both_worth = worth(p_h, rows[h]) + worth(row6(by_h, first[j]), rows[j])
+                        gain -= both_worth
+                    else:
+                        # the car as it comes to s; h's later measurements are left out
+                        if s > h_from:
+                            p_s = ahead_of(process, row6(by_h, s - 1), s)
+                        else:
+                            p_s = prior_at(process, s)
+                        p_j = p_s
+                        for t in range(s + 1, first[j] + 1):
+                            p_j = ahead_of(process, p_j, t)
+                        if first[k] <= last[j]:
+                            gain = worth(p_s, joint[m - begin]) - worth(p_j, rows[j])
+                        else:
+                            p_k = after(p_j, rows[j])
+                            for t in range(last[j] + 1, first[k] + 1):
+                                p_k = ahead_of(process, p_k, t)
+                            gain = worth(p_k, rows[k])
+                    gain = min(gain, alone[k])
                 out[at] = rounded_up(np.float64(out[at]) + weight * max(gain, 0.0))
-            # undo: exactly, from the base
-            for t in range(start, back + 1):
-                for q in range(6):
-                    later[t, q] = later0[t, q]
-            for t in range(first[h], last[h] + 1):
-                for q in range(3):
-                    total[t, q] = base[t, q]
-            for e in range(indptr[j], indptr[j + 1]):
-                t = indices[e]
-                for q in range(3):
-                    total[t, q] = base[t, q]
-            add_rows(indptr, indices, blocks, scale, one, np.arange(j, j + 1), total)
-            put6(before, start, row6(before0, start))
-            logs[start] = logs0[start]
-            for t in range(start, max(high, back) + 1):
-                put6(before, t, row6(before0, t))
-                logs[t] = logs0[t]
+
+
+@njit(cache=True)
+def set_covariance(m, p):  # type: ignore[no-untyped-def]
+    """Write six numbers as the car's part of `m`."""
+    m[0, 0], m[1, 1], m[2, 2] = p[0], p[3], p[5]
+    m[0, 1], m[0, 2], m[1, 2] = p[1], p[2], p[4]
+    m[1, 0], m[2, 0], m[2, 1] = p[1], p[2], p[4]
+
+
+@njit(cache=True, inline="always")
+def ahead_of(process, p, t):  # type: ignore[no-untyped-def]
+    """Return the covariance at sample t of a car that had `p` one sample before."""
+    return step_on(p, process.f, process.q, t)
+
+
+@njit(cache=True)
+def set_gains(process, cameras, rows, held, targets):  # type: ignore[no-untyped-def]
+    """Return the log det of the positions `held` together with each of `targets` (m,).
+
+    Windows that overlap, or are bridged by others, are filtered together, from the last sample
+    before them where no camera is in view; what lies before is filtered once.
+    """
+    p = cameras.offsets.shape[2]
+    first, last = cameras.first, cameras.last
+    samples = process.prior.shape[0]
+    seeing = held[last[held] >= 0]
+    order = np.argsort(first[seeing], kind="mergesort")
+    seeing = seeing[order]
+    space = work_space(seeing.size + 1, p)
+    none = np.empty((3 + (seeing.size + 1) * p, 0))
+    # clusters of windows: members order begins[c]:begins[c + 1], their samples, and log dets
+    begins = np.empty(seeing.size + 1, np.int64)
+    count, reach = 0, -1
+    for i in range(seeing.size):
+        if first[seeing[i]] > reach:
+            begins[count] = i
+            count += 1
+        reach = max(reach, last[seeing[i]])
+    begins[count] = seeing.size
+    entry = np.empty((count, 6))
+    ends, value = np.empty(count, np.int64), np.empty(count)
+    car = np.empty((samples, 6))
+    total = 0.0
+    ahead = process.prior.copy()
+    for c in range(count):
+        members = seeing[begins[c] : begins[c + 1]]
+        start, stop = first[members[0]], 0
+        for i in members:
+            stop = max(stop, last[i])
+        put6(entry, c, row6(ahead, start))
+        set_covariance(space[0], row6(ahead, start))
+        value[c] = run_through(process, cameras, members, start, stop, space, none, car)
+        for i in members:
+            value[c] -= cameras.own[i]
+        total += value[c]
+        ends[c] = stop
+        beyond = first[seeing[begins[c + 1]]] if c + 1 < count else samples - 1
+        predict_ahead(process, row6(car, stop), stop, beyond, ahead)
+    found = np.empty(targets.size)
+    for m in range(targets.size):
+        k = targets[m]
+        if last[k] < 0:
+            found[m] = total
+            continue
+        if count == 0 or first[k] > ends[count - 1]:
+            found[m] = total + worth(row6(ahead, first[k]), rows[k])
+            continue
+        # from the first cluster that ends at or after k's first sample
+        c = count - 1
+        while c > 0 and ends[c - 1] >= first[k]:
+            c -= 1
+        members = np.empty(seeing.size - begins[c] + 1, np.int64)
+        members[:-1] = seeing[begins[c] :]
+        members[-1] = k
+        start, stop = first[k], last[k]
+        for i in members:
+            start, stop = min(start, first[i]), max(stop, last[i])
+        kept = 0.0
+        for d in range(c):
+            kept += value[d]
+        before = row6(entry, c)
+        if first[k] < first[seeing[begins[c]]]:
+            before = prior_at(process, first[k])
+            if c > 0:
+                before = row6(car, ends[c - 1])
+                for t in range(ends[c - 1] + 1, first[k] + 1):
+                    before = ahead_of(process, before, t)
+        set_covariance(space[0], before)
+        joint = run_through(process, cameras, members, start, stop, space, none, np.empty((0, 6)))
+        for i in members:
+            joint -= cameras.own[i]
+        found[m] = max(kept + joint, total)
+    return found
 
 
 @njit(cache=True)

@@ -11,14 +11,12 @@ import heapq
 from collections.abc import Callable
 
 import numpy as np
-from numba import njit
 
 from models.geometry import FloatArray, IntArray
 from placement.constraints import Constraints
-from placement.objectives.windows.filter import add_rows, filter_forward, inform_backward
 from placement.problem import Run
 from placement.tempered.bound import SecondOrder
-from placement.tempered.gains import GAIN_ABSOLUTE, GAIN_RELATIVE, gain_over_window, walk
+from placement.tempered.gains import GAIN_ABSOLUTE, GAIN_RELATIVE, set_gains
 
 MOST_OPEN = 2_000_000  # nodes; beyond, memory would be the next limit
 MOST_EXPANDED = 500_000  # nodes, some minutes: the last per mille may take for ever
@@ -83,48 +81,6 @@ def search(
 def gains_beyond(second: SecondOrder, held: IntArray, targets: IntArray) -> FloatArray:
     """Return g of the positions `held` together with each of `targets` (m,), rounded up."""
     found = np.zeros(targets.size)
-    for weight, small, base in second.first.drives:
-        found += weight * _gains(
-            small.indptr,
-            small.indices,
-            small.blocks,
-            small.frames * second.first.theta,
-            small.steps,
-            small.p0,
-            base,
-            held,
-            targets,
-        )
+    for d in second.first.drives:
+        found += d.weight * set_gains(d.process, d.cameras, d.all_rows, held, targets)
     return found * (1.0 + GAIN_RELATIVE) + GAIN_ABSOLUTE
-
-
-@njit(cache=True)
-def _gains(indptr, indices, blocks, scale, steps, p0, base, held, targets):  # type: ignore[no-untyped-def]
-    samples = steps.shape[0]
-    before, after, later = np.empty((samples, 6)), np.empty((samples, 6)), np.empty((samples, 6))
-    logs, through = np.empty(samples), np.empty(samples)
-    at_base = filter_forward(steps, p0, base, before, after, logs)
-    total = base.copy()
-    add_rows(indptr, indices, blocks, scale, np.ones(held.size), held, total)
-    have = filter_forward(steps, p0, total, before, after, logs) - at_base
-    inform_backward(steps, total, later)
-    walk(steps, total, 0, samples - 1, before, after, logs, later, through)
-    found = np.empty(targets.size)
-    for m in range(targets.size):
-        found[m] = have + max(
-            gain_over_window(
-                indptr,
-                indices,
-                blocks,
-                scale,
-                targets[m],
-                steps,
-                total,
-                before,
-                logs,
-                later,
-                through,
-            ),
-            0.0,
-        )
-    return found

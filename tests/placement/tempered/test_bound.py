@@ -21,6 +21,7 @@ from placement.objectives.navigation_chain import Drive
 from placement.problem import Problem, Run
 from placement.solution import Status
 from placement.solve import solve
+from placement.tempered.background import background_of, stand_in
 from placement.tempered.bound import SecondOrder, Tempered, make_line
 from placement.tempered.search import gains_beyond, search
 
@@ -37,7 +38,7 @@ def one_thread() -> Iterator[None]:
     numba.set_num_threads(before)
 
 
-def small_drive(rng: np.random.Generator, n: int, seed: int) -> Drive:
+def small_drive(rng: np.random.Generator, n: int, seed: int, offsets: int = 0) -> Drive:
     """Draw a short road: windows of up to 12 of 8…30 samples, so three and four overlap."""
     return random_drive(
         rng,
@@ -47,14 +48,15 @@ def small_drive(rng: np.random.Generator, n: int, seed: int) -> Drive:
         odometry=(CAR, ROBOT)[seed % 3 % 2],
         longest_window=int(rng.integers(2, 13)),
         wrap=seed % 4 == 0,
+        offsets=offsets,
     )
 
 
-def small_problem(seed: int) -> tuple[Entropy, Constraints]:
+def small_problem(seed: int, offsets: int = 0) -> tuple[Entropy, Constraints]:
     """Draw an entropy problem with groups, required and forbidden poses every few seeds."""
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 9))
-    drives = [small_drive(rng, n, seed)]
+    drives = [small_drive(rng, n, seed, offsets)]
     if seed % 7 == 0:
         other = small_drive(rng, n, seed + 1)
         drives.append(Drive(other.points, other.information, ROBOT, other.initial_sigma, 0.4))
@@ -82,23 +84,24 @@ def new_run() -> Run:
     return Run(np.random.default_rng(0))
 
 
-def hold_bounds_against_brute_force(seed: int) -> None:
-    objective, constraints = small_problem(seed)
+def hold_bounds_against_brute_force(seed: int, offsets: int = 0) -> None:
+    objective, constraints = small_problem(seed, offsets)
     best, placement = best_placement(objective, constraints)
     beat = best * (1.0 - 1e-9)
     relaxed = best_fraction(objective, root_choice(constraints), new_run())
     assert relaxed.bound >= best * (1.0 - 1e-12)
     line = make_line(objective, constraints, np.flatnonzero(constraints.usable()))
-    k = constraints.budget
+    k, white = constraints.budget, stand_in(objective)
     rng = np.random.default_rng([seed, 1])
     anything = rng.uniform(0.0, 1.0, constraints.n)  # any background is valid, even out of budget
     for share, y in itertools.product(SHARES, (relaxed.x, anything)):
-        first = Tempered(objective, line, k, share, y, new_run())
+        background = background_of(white, y)
+        first = Tempered(objective, line, k, share, background, new_run())
         assert first.bound() >= best - 1e-12
         left = first.survivors(beat)
         assert set(placement) <= set(left.candidate)
         if k >= 2:
-            again = Tempered(objective, left, k, share, y, new_run())
+            again = Tempered(objective, left, k, share, background, new_run())
             second = SecondOrder(again, beat)
             assert max(second.bound(), beat) >= best * (1.0 - 1e-9)
             assert second.bound() <= first.bound() * (1.0 + 1e-5) + 1e-4
@@ -133,7 +136,14 @@ def test_search_finds_the_best_placement_and_its_bounds_hold_on_the_way() -> Non
         relaxed = best_fraction(objective, root_choice(constraints), new_run())
         line = make_line(objective, constraints, np.flatnonzero(constraints.usable()))
         for share in (1.0, 0.6):
-            first = Tempered(objective, line, constraints.budget, share, relaxed.x, new_run())
+            first = Tempered(
+                objective,
+                line,
+                constraints.budget,
+                share,
+                background_of(stand_in(objective), relaxed.x),
+                new_run(),
+            )
             found, reports = [0.5 * best], []
 
             def offer(chosen, found=found, objective=objective, constraints=constraints):  # type: ignore[no-untyped-def]
@@ -160,7 +170,7 @@ def test_pair_and_path_gains_equal_differences_of_values(wrap: bool) -> None:
     line = make_line(objective, Constraints(12, 4, np.full(12, -1), NONE, NONE), np.arange(12))
     y = rng.uniform(0.0, 0.3, 12)
     share = 0.7
-    first = Tempered(objective, line, 4, share, y, new_run())
+    first = Tempered(objective, line, 4, share, background_of(objective, y), new_run())
 
     def score(positions: list[int]) -> float:
         x = (1.0 - share) * y
@@ -193,9 +203,10 @@ def test_a_small_share_bounds_like_the_relaxation_and_a_whole_one_like_the_chain
     constraints = Constraints(20, 5, np.full(20, -1), NONE, NONE)
     line = make_line(objective, constraints, np.arange(20))
     relaxed = best_fraction(objective, root_choice(constraints), new_run())
-    nearly = Tempered(objective, line, 5, 1e-3, relaxed.x, new_run()).bound()
+    background = background_of(objective, relaxed.x)
+    nearly = Tempered(objective, line, 5, 1e-3, background, new_run()).bound()
     assert nearly == pytest.approx(relaxed.bound, rel=1e-3)
-    chain = Tempered(objective, line, 5, 1.0, relaxed.x, new_run())
+    chain = Tempered(objective, line, 5, 1.0, background, new_run())
     path = chain.path()
     gains = [objective.value(path[:1])]
     for i, j in itertools.pairwise(path):
@@ -210,7 +221,8 @@ def test_half_a_second_order_is_a_bound_between_the_first_and_the_second() -> No
         best, _ = best_placement(objective, constraints)
         k = max(constraints.budget, 2)
         line = make_line(objective, constraints, np.flatnonzero(constraints.usable()))
-        first = Tempered(objective, line, k, 1.0, np.zeros(constraints.n), new_run())
+        background = background_of(objective, np.zeros(constraints.n))
+        first = Tempered(objective, line, k, 1.0, background, new_run())
         whole = SecondOrder(first, -np.inf)
         first.run = Run(np.random.default_rng(0), deadline=time.monotonic() + 0.9)
         none = SecondOrder(first, -np.inf)
@@ -225,7 +237,8 @@ def test_bounds_of_all_budgets_rise_and_hold() -> None:
     objective = Entropy([random_drive(np.random.default_rng(9), n_samples=40, n_candidates=8)])
     constraints = Constraints(8, 5, np.full(8, -1), NONE, NONE)
     line = make_line(objective, constraints, np.arange(8))
-    bounds = Tempered(objective, line, 5, 0.8, np.full(8, 0.3), new_run()).bounds()
+    background = background_of(objective, np.full(8, 0.3))
+    bounds = Tempered(objective, line, 5, 0.8, background, new_run()).bounds()
     assert np.all(np.diff(bounds) >= 0.0)
     for k in range(6):
         smaller = Constraints(8, k, np.full(8, -1), NONE, NONE)
