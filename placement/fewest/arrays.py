@@ -28,6 +28,7 @@ class Course(NamedTuple):
     at: IntArray  # (t + 1,) cameras that start at t
     units: IntArray  # (v,)
     per_unit: int  # units that a unit of the prices given is cut into
+    settled: BoolArray  # (t + 1,) whether no camera has pieces on both sides of t: prices are whole
     floor: FloatArray  # (t, 6) below every covariance before the measurements of t
     limit: float
     failures: int

@@ -154,6 +154,7 @@ class Counting:
         """
         c = self.course
         t = c.steps.shape[0]
+        self.floor[:] = np.where(c.settled, -(-self.floor // c.per_unit) * c.per_unit, self.floor)
         known = Known(self.floor, self.hope, *self.rows)
         store = self._cleared(k)
         if not probing:  # the root waits in the list of sample 0
@@ -171,7 +172,7 @@ class Counting:
                          effort.slots, effort.epsilon, probing, bin_epsilon)  # fmt: skip
             if store.counter[arrays.FULL]:
                 return False
-        backward(store)
+        backward(c, store)
         self.labels += int(store.counter[arrays.NODES])
         if not probing:  # the root's own list entry came as an arc without a parent
             self._need = max(self._need, int(store.node_need[int(store.arc_to[0])]))

@@ -91,6 +91,7 @@ def course_of(
         at=np.searchsorted(first, np.arange(drive.n_samples + 1)).astype(np.int64),
         units=units[who],
         per_unit=pieces.per_unit,
+        settled=pieces.settled(),
         floor=before * (1.0 - 1e-12),
         limit=limit * (1.0 + ROUNDING),
         failures=failures,

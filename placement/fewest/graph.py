@@ -9,6 +9,14 @@ from placement.fewest.arrays import ARCS, BLIND, FREE, FULL, MOST_UNITS, NODES, 
 from placement.objectives.windows.filter import row6
 
 
+@njit(cache=True, inline="always")
+def settle(course, t, units):  # type: ignore[no-untyped-def]
+    """Return units paid before t, or needed after it: rounded up where all cameras are whole."""
+    if course.settled[t]:
+        return -(-units // course.per_unit) * course.per_unit
+    return units
+
+
 @njit(cache=True)
 def needed(known, t, p, past, failures):  # type: ignore[no-untyped-def]
     """Return the units that every placement with covariances above these still needs."""
@@ -66,6 +74,7 @@ def deposit(course, known, store, k, parent, units, m, t, p, past):  # type: ign
     if t >= course.steps.shape[0]:
         store.node_need[parent] = min(store.node_need[parent], units)
         return
+    m = settle(course, t, m)
     togo = needed(known, t, p, past, course.failures)
     if m + togo > k:
         store.node_need[parent] = min(store.node_need[parent], units + togo)
@@ -100,10 +109,13 @@ def go_blind(store, parity, parent, units, m, length):  # type: ignore[no-untype
 
 
 @njit(cache=True)
-def backward(store):  # type: ignore[no-untyped-def]
+def backward(course, store):  # type: ignore[no-untyped-def]
     """Complete node_need. Arcs into a label were recorded before those it left by afterwards."""
-    for a in range(store.counter[ARCS] - 1, -1, -1):
-        parent = store.arc_from[a]
+    for n in range(store.counter[ARCS] - 1, -1, -1):
+        parent, child = store.arc_from[n], store.arc_to[n]
+        t = store.node_t[child]
+        if t >= 0:
+            store.node_need[child] = settle(course, t, store.node_need[child])
         if parent >= 0:
-            need = store.arc_units[a] + store.node_need[store.arc_to[a]]
+            need = store.arc_units[n] + store.node_need[child]
             store.node_need[parent] = min(store.node_need[parent], need)

@@ -39,11 +39,31 @@ class Pieces:
     per_unit: int
     given: FloatArray
 
+    def settled(self) -> BoolArray:
+        """Return for each sample (t + 1,) whether no camera has a piece before it and one after.
+
+        A placement's price of pieces is whole there: each of its cameras has been paid for, or not.
+        """
+        n = self.drive.n_samples
+        part = np.flatnonzero(self.usable & ~self.single)
+        begin = self.drive.indices[self.drive.indptr[part]].astype(np.int64)
+        first = np.full(int(self.owner.max(initial=0)) + 1, n, dtype=np.int64)
+        last = np.zeros_like(first)
+        np.minimum.at(first, self.owner[part], begin)
+        np.maximum.at(last, self.owner[part], begin)
+        change = np.zeros(n + 2, dtype=np.int64)
+        np.add.at(change, np.minimum(first, last) + 1, 1)
+        np.add.at(change, last + 1, -1)
+        opened: BoolArray = np.cumsum(change[: n + 1]) > 0
+        return ~opened
+
 
 def in_pieces(drive: WhiteDrive, usable: BoolArray, units: IntArray, enough: float) -> Pieces:
     """Cut the `usable` (c,) cameras of prices `units` (c,) where they are blind for long.
 
-    That is for longer than the view of most. `enough` is the information that keeps the tolerance
+    That is for longer than the view of most. Where it is half the drive, as for cameras at the seam
+    of a lap, the piece that tells most has all of the price: prices would be open for the lap else,
+    and dear to follow. `enough` is the information that keeps the tolerance
     by itself: a piece that tells J weighs log(1 + J / enough).
     """
     row = np.repeat(np.arange(drive.indptr.size - 1), np.diff(drive.indptr))
@@ -53,7 +73,8 @@ def in_pieces(drive: WhiteDrive, usable: BoolArray, units: IntArray, enough: flo
     longest = float(np.median(count[seeing])) if seeing.any() else np.inf
     start = np.ones(row.size, dtype=np.bool_)
     same = row[1:] == row[:-1]
-    start[1:] = ~same | (np.where(same, np.diff(seen), 0) > longest)
+    gap = np.where(same, np.diff(seen), 0)
+    start[1:] = ~same | (gap > longest)
     begin = np.flatnonzero(start)
     owner = row[begin]
     part = copy.copy(drive)
@@ -61,20 +82,22 @@ def in_pieces(drive: WhiteDrive, usable: BoolArray, units: IntArray, enough: flo
     blocks = three_columns(drive)
     told = np.add.reduceat(blocks[:, 0] + blocks[:, 2], begin) if begin.size else np.zeros(0)
     single = np.bincount(owner, minlength=units.size)[owner] == 1
+    lap = np.zeros(units.size, dtype=np.bool_)
+    lap[row[1:][gap > drive.n_samples // 2]] = True
     room = int(units[usable].max(initial=1)) * PARTS <= MOST_LEVELS
-    per_unit = PARTS if room and (usable[owner] & ~single).any() else 1
-    share = shares(np.log1p(told / enough), owner, units * per_unit)
+    per_unit = PARTS if room and (usable[owner] & ~single & ~lap[owner]).any() else 1
+    share = shares(np.log1p(told / enough), owner, units * per_unit, lap)
     given = np.zeros((drive.n_samples, 3))
     free = (usable[owner] & (share == 0))[np.cumsum(start) - 1]
     np.add.at(given, seen[free], blocks[free])
     return Pieces(part, usable[owner] & (share > 0), owner, single, share, per_unit, given)
 
 
-def shares(worth: FloatArray, owner: IntArray, units: IntArray) -> IntArray:
+def shares(worth: FloatArray, owner: IntArray, units: IntArray, lap: BoolArray) -> IntArray:
     """Share each owner's units (c,) among its pieces (p,), at least one each.
 
     By worth, rounded down, and the rest to the worthiest; all to that one where they do not
-    suffice for one each.
+    suffice for one each, or where `lap` (c,) says so.
     """
     total = np.bincount(owner, worth, units.size)[owner]
     price = units[owner]
@@ -84,5 +107,5 @@ def shares(worth: FloatArray, owner: IntArray, units: IntArray) -> IntArray:
     worthiest[order] = np.append(owner[order][1:] != owner[order][:-1], True)[: order.size]
     others = np.bincount(owner, np.where(worthiest, 0, share), units.size).astype(np.int64)[owner]
     share = np.where(worthiest, price - others, share)
-    short = others >= price
+    short = (others >= price) | lap[owner]
     return np.where(short, np.where(worthiest, price, 0), share)
