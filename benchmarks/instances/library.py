@@ -168,8 +168,8 @@ LIBRARY: Mapping[str, Entry] = {
             seed=1,
             rank=3,
         ),
-        _drawn("fusion-40", 5, "sensors with prices", "fusion", n=12, c=40, money=15.0, seed=0),
-        _drawn("fusion-200", 5, "two hundred of them", "fusion", n=20, c=200, money=40.0, seed=0),
+        _drawn("fusion-40", 1, "sensors with prices", "fusion", n=12, c=40, money=15.0, seed=0),
+        _drawn("fusion-200", 2, "two hundred of them", "fusion", n=20, c=200, money=40.0, seed=0),
         _drawn(
             "dense-2000",
             5,
