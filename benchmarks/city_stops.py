@@ -1,15 +1,17 @@
 """Stop a city and begin again: `python -m benchmarks.city_stops NETWORK --store DIR`.
 
-`benchmarks.city` runs once without a stop, then into another store with four: killed (SIGKILL) in
-the middle of information, interrupted (SIGINT) in the middle of what is left of it, killed during
-selection, and run to its end. After each, every chunk's file is looked at: one that is there keeps
-its bytes and its time, so nothing is computed twice; and both runs must choose the same cameras.
+`benchmarks.city` runs once without a stop, and beside it into another store with three: killed
+(SIGKILL) in the middle of information, interrupted (SIGINT) in the middle of what is left of it,
+killed during selection, and run to its end. After each, every chunk's file is looked at: one that
+was there must keep its bytes and its time, so that nothing is computed twice; and both runs must
+choose the same cameras.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import re
 import shutil
 import signal
 import subprocess
@@ -52,31 +54,24 @@ def stops(network: Path, store: Path, cameras: int) -> tuple[list[dict[str, Any]
     for folder in (whole, broken):
         if folder.exists():
             shutil.rmtree(folder)
+    unbroken = _start(network, whole, cameras)
+    total = _total(whole, unbroken)
     rows: list[dict[str, Any]] = []
-    before: dict[str, tuple[int, int]] = {}
+    kept: dict[str, tuple[int, int]] = {}
 
-    def step(name: str, folder: Path, stop: int | None, when: Callable[[int], bool]) -> None:
-        seen = before if folder == broken else {}
-        ended = _run(network, folder, cameras, stop, when)
-        now = _chunks(folder)
-        again = sum(now[name] != old for name, old in seen.items())
-        rows.append(
-            {
-                "run": name,
-                "ended with": ended,
-                "chunks found": len(seen),
-                "computed": len(now) - len(seen),
-                "written again": again,
-            }
-        )
-        before.clear()
-        before.update(now)
+    def step(name: str, stop: int | None, when: Callable[[int], bool]) -> None:
+        process = _start(network, broken, cameras)
+        while process.poll() is None:
+            if stop is not None and when(len(_chunks(broken))):
+                process.send_signal(stop)
+                process.wait()
+            time.sleep(_PATIENCE_S)
+        now = _chunks(broken)
+        again = sum(now.get(chunk) != old for chunk, old in kept.items())
+        rows.append(_row(name, process.returncode, len(kept), len(now), again))
+        kept.clear()
+        kept.update(now)
 
-    step("never stopped", whole, None, _never)
-    total = len(before)
-    before.clear()
-    step("kill -9 in information", broken, signal.SIGKILL, lambda n: n >= total // 3)
-    step("SIGINT in information", broken, signal.SIGINT, lambda n: n >= 2 * total // 3)
     complete: list[float] = []
 
     def selecting(chunks: int) -> bool:
@@ -84,39 +79,44 @@ def stops(network: Path, store: Path, cameras: int) -> tuple[list[dict[str, Any]
             complete.append(time.monotonic())
         return bool(complete) and time.monotonic() - complete[0] > _SELECTING_S
 
-    step("kill -9 in selection", broken, signal.SIGKILL, selecting)
-    step("to its end", broken, None, _never)
+    step("kill -9 in information", signal.SIGKILL, lambda n: n >= total // 3)
+    step("SIGINT in information", signal.SIGINT, lambda n: n >= 2 * total // 3)
+    step("kill -9 in selection", signal.SIGKILL, selecting)
+    step("to its end", None, lambda _n: False)
+    rows.insert(0, _row("never stopped", unbroken.wait(), 0, len(_chunks(whole)), 0))
     one, other = (json.loads((f.with_suffix(".json")).read_text()) for f in (whole, broken))
     same = all(one[key] == other[key] for key in ("selected sha256", "value", "bound"))
-    return rows, same and len(before) == total
+    return rows, same and len(kept) == total
 
 
-def _run(
-    network: Path,
-    folder: Path,
-    cameras: int,
-    stop: int | None,
-    when: Callable[[int], bool],
-) -> str:
-    """Run the city; send `stop` once `when(chunks there)`; say how it ended."""
-    said = folder.with_suffix(".log")
+def _row(name: str, code: int, found: int, now: int, again: int) -> dict[str, Any]:
+    ended = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit {code}"
+    return {
+        "run": name,
+        "ended with": ended,
+        "chunks found": found,
+        "computed": now - found,
+        "written again": again,
+    }
+
+
+def _start(network: Path, folder: Path, cameras: int) -> subprocess.Popen[bytes]:
+    """Run the city; what it says goes to a log beside its store."""
     folder.parent.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", "benchmarks.city", str(network), "--store", str(folder)]
     command += ["--cameras", str(cameras), "--json", str(folder.with_suffix(".json"))]
-    with said.open("w") as log:
-        process = subprocess.Popen(command, stdout=log, stderr=log)  # noqa: S603
-        while process.poll() is None:
-            if stop is not None and when(len(_chunks(folder))):
-                process.send_signal(stop)
-                process.wait()
-                break
-            time.sleep(_PATIENCE_S)
-    code = process.returncode
-    return f"signal {signal.Signals(-code).name}" if code < 0 else f"exit {code}"
+    with folder.with_suffix(".log").open("w") as log:
+        return subprocess.Popen(command, stdout=log, stderr=log)  # noqa: S603
 
 
-def _never(_chunks: int) -> bool:
-    return False
+def _total(folder: Path, process: subprocess.Popen[bytes]) -> int:
+    """Wait until a run says how many chunks there are."""
+    while process.poll() is None:
+        said = re.search(r"chunk \d+ of (\d+)", folder.with_suffix(".log").read_text())
+        if said:
+            return int(said[1])
+        time.sleep(_PATIENCE_S)
+    raise ValueError(f"{folder.with_suffix('.log')}: the city ended before it said its chunks")
 
 
 def _chunks(folder: Path) -> dict[str, tuple[int, int]]:

@@ -22,7 +22,9 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.city import PRIOR_SIGMA_M, build_site
+from benchmarks.documents import markdown, replace_table
 from models.files.roadfile import read_road_file
+from placement.atomic import write_files
 from placement.city.information import Site
 from placement.city.solve import compute_city, load_city, open_store, solve_city
 from placement.cluster import DaskCluster, Work
@@ -37,6 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("network", type=Path)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--json", type=Path, help="also write the numbers here")
+    parser.add_argument("--document", type=Path, help="fill the table of this document")
     options = parser.parse_args(arguments)
     site = build_site(read_road_file(options.network), PART, 25.0)
     times: dict[int, list[dict[str, float]]] = {1: [], 2: []}
@@ -62,8 +65,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     sys.stdout.write(json.dumps(found, indent=2) + "\n")
     if options.json is not None:
         options.json.write_text(json.dumps(found, indent=2) + "\n")
+    if options.document is not None:
+        text = options.document.read_text(encoding="utf-8")
+        text = replace_table(text, "two workers", table(found))
+        write_files(options.document.parent, {options.document.name: text})
     if len(results) > 1:
         sys.exit(1)
+
+
+def table(found: dict[str, Any]) -> str:
+    """Lay out the document's table."""
+    stages = [(name, row) for name, row in found.items() if isinstance(row, dict)]
+    head = ["", *stages[0][1], "different results"]
+    cells = [[name, *map(str, row.values()), str(found["results"] - 1)] for name, row in stages]
+    return markdown(head, cells)
 
 
 def _once(site: Site, work: Work) -> tuple[dict[str, float], str]:

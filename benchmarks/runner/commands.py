@@ -9,6 +9,7 @@ import typer
 
 if TYPE_CHECKING:
     from benchmarks.runner.suites import Suite
+    from placement.cluster import Work
     from placement.watch import Report
 
 SUITE_NAMES = "smoke, camera, doptimal, greedy, coverage"
@@ -37,11 +38,18 @@ def benchmark(
     data: Annotated[
         Path | None, typer.Option(help="Where your roads lie; else PLACEMENT_DATA says it.")
     ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Jobs at a time on this machine; seconds suffer.")
+    ] = None,
+    cluster: Annotated[
+        str | None, typer.Option(help="Jobs go to the Dask cluster at this address.")
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
 ) -> None:
     """Run solvers side by side; killed at any moment, the same command goes on where it was."""
     from benchmarks.runner.suites import make_suite
     from placement.atomic import prepare_folder
+    from placement.cluster import working
     from placement.watch import watch
 
     chosen = make_suite(suite, str(data.resolve()) if data is not None else None).changed(
@@ -52,9 +60,9 @@ def benchmark(
         instances=instance,
     )
     prepare_folder(out)
-    with watch(quiet) as report:
+    with working(workers, cluster) as work, watch(quiet) as report:
         try:
-            rows = run_and_write(chosen, out, report)
+            rows = run_and_write(chosen, out, report, work)
         except KeyboardInterrupt:
             typer.echo("placement: interrupted; the same command goes on from here", err=True)
             raise typer.Exit(3) from None
@@ -65,7 +73,9 @@ def benchmark(
         typer.echo(f"results in {out}")
 
 
-def run_and_write(suite: Suite, out: Path, report: Report) -> list[dict[str, Any]]:
+def run_and_write(
+    suite: Suite, out: Path, report: Report, work: Work | None = None
+) -> list[dict[str, Any]]:
     """Run what is left of `suite`, then write every table and figure anew."""
     from benchmarks.runner.figures import figures
     from benchmarks.runner.results import merge_repeats, to_csv
@@ -73,7 +83,7 @@ def run_and_write(suite: Suite, out: Path, report: Report) -> list[dict[str, Any
     from benchmarks.runner.summary import summary_csv, summary_markdown
     from placement.atomic import write_files
 
-    rows = merge_repeats(suite.name, run_suite(suite, out, report))
+    rows = merge_repeats(suite.name, run_suite(suite, out, report, work))
     report("summing up", None)
     write_files(
         out,

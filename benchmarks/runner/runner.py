@@ -1,8 +1,8 @@
-"""Run the jobs of a suite one after another, each in a process of its own, and remember them.
+"""Run the jobs of a suite, each in a process of its own, and remember them.
 
 Jobs go A B A B: all solvers on one instance and seed, then the next, and the whole round again for
 each repeat, so that whatever slows the machine meets everybody. Interrupted or killed, the same
-command goes on where it stopped.
+command goes on where it stopped. One after another, unless workers or a cluster are asked for.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from typing import Any
 from benchmarks.runner.journal import Journal
 from benchmarks.runner.subjects import Case
 from benchmarks.runner.suites import Suite
+from placement.cluster import Work
 from placement.output import versions
 from placement.watch import Report
 
@@ -75,8 +76,22 @@ def jobs_of(suite: Suite) -> Iterator[Job]:
                     yield Job(case, solver, seed, repeat)
 
 
-def run_suite(suite: Suite, out: Path, report: Report) -> list[dict[str, Any]]:
+@dataclass(frozen=True, slots=True)
+class JobTask:
+    """One job with what a worker must know of its suite."""
+
+    job: Job
+    time_limit_s: float
+    hard_limit_s: float
+
+
+def run_suite(
+    suite: Suite, out: Path, report: Report, work: Work | None = None
+) -> list[dict[str, Any]]:
     """Do every job of `suite` that the journal in `out` lacks; return all rows in order.
+
+    `work` says where, if not here one after the other; rows are remembered as they come. Seconds
+    are those of the machine that did the job, beside whatever else it did.
 
     Raises:
         ValueError: if the journal is another run's, or in use.
@@ -84,18 +99,26 @@ def run_suite(suite: Suite, out: Path, report: Report) -> list[dict[str, Any]]:
     journal = Journal(out / "journal.jsonl", suite.heading())
     try:
         jobs = list(jobs_of(suite))
-        for done, job in enumerate(jobs):
-            if job.key in journal.rows:
-                continue
-            report(f"{job.key} ({done + 1} of {len(jobs)})", done / len(jobs))
-            journal.add(_row(job, suite))
+        left = [job for job in jobs if job.key not in journal.rows]
+        tasks = [JobTask(job, suite.time_limit_s, suite.hard_limit_s) for job in left]
+        for at, task in enumerate(tasks if work is None else ()):
+            done = len(jobs) - len(left) + at
+            report(f"{task.job.key} ({done + 1} of {len(jobs)})", done / len(jobs))
+            journal.add(job_row(task))
+        if work is not None:
+            for _, row in work.run(job_row, tasks, "benchmark"):
+                journal.add(row)
+                done = len(journal.rows)
+                report(f"{row['job']} ({done} of {len(jobs)})", done / len(jobs))
         return [journal.rows[job.key] for job in jobs]
     finally:
         journal.close()
 
 
-def _row(job: Job, suite: Suite) -> dict[str, Any]:
-    found = run_job(job, suite.time_limit_s, suite.hard_limit_s)
+def job_row(task: JobTask) -> dict[str, Any]:
+    """Do a job and say of what, with what and where it was."""
+    job = task.job
+    found = run_job(job, task.time_limit_s, task.hard_limit_s)
     return {
         "job": job.key,
         "instance": job.case.name,
@@ -103,7 +126,7 @@ def _row(job: Job, suite: Suite) -> dict[str, Any]:
         "solver": job.solver,
         "seed": job.seed,
         "repeat": job.repeat,
-        "time_limit_s": suite.time_limit_s,
+        "time_limit_s": task.time_limit_s,
         "versions": {"python": platform.python_version(), **versions(PACKAGES)},
         "machine": machine(),
         **found,
