@@ -27,6 +27,7 @@ HALVINGS = 13  # the last steps are of a thousandth of a degree
 COARSE, FOLLOWED = 3, 8  # halvings of all starts; how many distinct poses the rest is for
 APART = 0.1  # of the box's width in some angle: optima nearer than that are one
 SHOWN = 3
+EQUAL = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +106,7 @@ def find(scorer: Scorer, *, tolerance: float, most_boxes: int) -> Found:
         more, their = refine(scorer, better)
         poses, values = np.vstack((poses, more)), np.append(values, their)
     optima = _distinct(poses, values, scorer.sign)
-    bound = max(ceiling, scorer.sign * optima[0].value)
+    bound = max(ceiling, *(scorer.sign * optimum.value for optimum in optima))
     return Found(tuple(optima), scorer.sign * bound, count)
 
 
@@ -208,7 +209,19 @@ def _halved(low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _distinct(poses: FloatArray, values: FloatArray, sign: float) -> list[Optimum]:
     chosen = _far_apart(poses, values, SHOWN)
-    return [Optimum(poses[i], sign * float(values[i])) for i in chosen]
+    return ranked([Optimum(poses[i], sign * float(values[i])) for i in chosen])
+
+
+def ranked(optima: list[Optimum]) -> list[Optimum]:
+    """Put first, of the optima as good as the best but for `EQUAL`, the one most towards traffic.
+
+    Scores without odometry do not tell one end of a road from the other, and see mirrored poses as
+    equal: which of them a search finds to be better by rounding means nothing.
+    """
+    best = optima[0].value
+    equal = [o for o in optima if abs(o.value - best) <= EQUAL * abs(best)]
+    first = max(equal, key=lambda o: abs((o.pose_deg[0] + 180.0) % 360.0 - 180.0))
+    return [first, *(o for o in optima if o is not first)]
 
 
 def _far_apart(poses: FloatArray, values: FloatArray, most: int) -> list[int]:

@@ -15,7 +15,7 @@ from placement.objectives.localisation import Localisation
 from placement.objectives.trace import Trace
 from reports.single_camera import study
 from reports.single_camera.kernel import OBJECTIVES
-from reports.single_camera.search import Scorer, find, refine
+from reports.single_camera.search import Optimum, Scorer, find, ranked, refine
 from reports.single_camera.setting import HIGH_DEG, LOW_DEG, PRIOR_SIGMA_M, Setting
 
 
@@ -107,3 +107,12 @@ def test_the_study_writes_the_same_tables_twice(
     assert set(optima["objective"]) == set(OBJECTIVES)
     assert (optima["gap_percent"] >= 0.0).all()
     assert (tmp_path / "a" / "angles_over_curvature.png").exists()
+
+
+def test_of_equal_poses_the_one_towards_traffic_comes_first() -> None:
+    along, towards, worse = (
+        Optimum(np.array([yaw, 50.0, 60.0, 60.0]), value)
+        for yaw, value in ((-40.0, 1.0), (-140.0, 0.9995), (180.0, 0.99))
+    )
+    assert ranked([along, towards, worse]) == [towards, along, worse]
+    assert ranked([along, worse]) == [along, worse]
