@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from reports.style import CYCLE, GREY, style
 
 ANGLES = ("yaw_deg", "pitch_deg", "hfov_deg", "vfov_deg")
-LABELS = ("yaw (°)", "pitch (°)", "hfov (°)", "vfov (°)")
+LABELS = ("yaw (°), −180 towards traffic", "pitch (°)", "hfov (°)", "vfov (°)")
 MARKS = "osD^v"
 
 
@@ -33,7 +33,10 @@ def _angles(optima: pd.DataFrame) -> Figure:
     for axes, angle, label in zip(figure.subplots(2, 2).ravel(), ANGLES, LABELS, strict=True):
         for colour, mark, name in zip(CYCLE, MARKS, names, strict=False):
             line = part[part["objective"] == name].sort_values("curvature")
-            axes.plot(line["curvature"], line[angle], mark, color=colour, label=name, markersize=4,
+            shown = line[angle]
+            if angle == "yaw_deg":  # on past ±180, where otherwise a turn would look like a jump
+                shown = shown.where(shown < 45.0, shown - 360.0)
+            axes.plot(line["curvature"], shown, mark, color=colour, label=name, markersize=4,
                       fillstyle="none")  # fmt: skip
         axes.axvline(0.0, color=GREY, linewidth=0.6)
         axes.set_xlabel("curvature κ (1/m): outside < 0 < inside")
