@@ -47,6 +47,8 @@ from placement.tempered.process import Cameras, Process, cameras_of, larger_piec
 
 ROWS = 128  # of gains between two looks at the clock
 TRIPLES = 500_000  # the same
+TRIPLE_S = 6e-5  # seconds for three windows that meet, with offsets
+TRIPLE_SHARE = 0.15  # of the time left that those may take
 ROUNDING = 1e-11  # relative error allowed for in f at fractional points
 
 
@@ -219,14 +221,17 @@ class SecondOrder:
         Pairs of arcs that to first order are part of no placement above `beat` are left out.
         """
         self.first = first
-        # white cameras' triples are filtered whole; with offsets that is six states a camera more
-        self.exact = all(d.cameras.offsets.shape[2] == 0 for d in first.drives)
         line, run = first.line, first.run
         self.arcs = arcs = paths.lay_out(line.alive)
         self.gains = np.zeros(int(arcs.triple[-1]), dtype=np.float32)
         layout = (arcs.into, arcs.source, arcs.out, arcs.out_of, arcs.target, arcs.triple)
         least = first.threshold(beat)
         paths.mark_hopeless(*layout, first.pairs, first.F, first.B, least, self.gains)
+        # three windows that meet are filtered whole where that is cheap: always without offsets
+        meeting = sum(triples_that_meet(arcs, d.narrow) for d in first.drives)
+        meeting *= float(np.mean(self.gains > -np.inf)) if self.gains.size else 0.0
+        white = all(d.cameras.offsets.shape[2] == 0 for d in first.drives)
+        self.exact = white or TRIPLE_S * meeting < TRIPLE_SHARE * min(run.remaining(), 1e3)
         target = arcs.target[arcs.out]
         work = np.cumsum(np.diff(arcs.into) * np.diff(arcs.out_of))
         n = line.candidate.size
@@ -287,6 +292,17 @@ class SecondOrder:
         keep = np.flatnonzero(alive.any(axis=0) | alive.any(axis=1) | line.required | single)
         smaller = line.subset(keep)
         return Line(smaller.candidate, smaller.group, smaller.required, alive[np.ix_(keep, keep)])
+
+
+def triples_that_meet(arcs: paths.Arcs, cameras: Cameras) -> float:
+    """Count the pairs of arcs h → j → k where h sees what j or k sees, or some before it."""
+    found = 0
+    for j in range(len(arcs.into) - 1):
+        before = np.sort(cameras.last[arcs.source[arcs.into[j] : arcs.into[j + 1]]])
+        following = arcs.target[arcs.out[arcs.out_of[j] : arcs.out_of[j + 1]]]
+        begins = np.minimum(cameras.first[following], cameras.first[j])
+        found += int(np.sum(before.size - np.searchsorted(before, begins)))
+    return float(found)
 
 
 def on_drive(drive: Drive, candidates: IntArray, base: FloatArray, theta: float) -> OnDrive:
