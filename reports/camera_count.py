@@ -173,9 +173,12 @@ def _figure(counts: pd.DataFrame) -> Figure:
     for panel, (varied, column, label, failures) in zip(axes, panels, strict=True):
         part = counts[(counts["varied"] == varied) & (counts["failures"] == failures)]
         if "per_km" in part:
-            for colour, (road, line) in zip(CYCLE, part.groupby("road", sort=False), strict=False):
-                panel.plot(line[column], line["per_km"], "o-", color=colour, label=road, ms=4)
-                panel.plot(line[column], line["uniform_per_km"], "x", color=colour, ms=5)
+            lines = part.groupby("road", sort=False)
+            for n, (colour, (road, line)) in enumerate(zip(CYCLE, lines, strict=False)):
+                size = 9.0 - 2.5 * n  # smaller and smaller, so that equals all show
+                panel.plot(line[column], line["per_km"], "o-", color=colour, label=road, ms=size,
+                           fillstyle="none", linewidth=0.8)  # fmt: skip
+                panel.plot(line[column], line["uniform_per_km"], "x", color=colour, ms=size)
         panel.set_xlabel(label)
         panel.set_ylabel("cameras per km")
         panel.set_ylim(bottom=0.0)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from reports.style import CYCLE, GREY, style
 
@@ -24,7 +27,7 @@ def draw(tables: Mapping[str, pd.DataFrame]) -> dict[str, Figure]:
 
 
 def _panels(roads: list[str], height: float = 3.0) -> tuple[Figure, list]:  # type: ignore[type-arg]
-    columns = min(3, len(roads))
+    columns = 2 if len(roads) == 4 else min(3, len(roads))
     rows = -(-len(roads) // columns)
     figure = Figure(figsize=(max(3.4 * columns + 0.6, 6.5), height * rows + 0.5))
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
@@ -35,6 +38,19 @@ def _panels(roads: list[str], height: float = 3.0) -> tuple[Figure, list]:  # ty
     return figure, list(axes)
 
 
+def _ring(n: int) -> dict[str, Any]:
+    """Return the look of the n-th line: smaller and smaller rings, so that equals all show."""
+    return {"marker": "o", "fillstyle": "none", "markersize": 8.0 - 1.2 * n, "linewidth": 0.8}
+
+
+def _logarithmic(panel: Axes) -> None:
+    """Make the vertical axis logarithmic, with plain numbers at 1, 2 and 5 of every decade."""
+    panel.set_yscale("log")
+    panel.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    panel.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    panel.yaxis.set_minor_formatter(NullFormatter())
+
+
 def _values(values: pd.DataFrame) -> Figure:
     """The trace of each method, and the best bound, over the number of cameras."""
     part = values[(values["objective"] == "trace") & values["value"].notna()]
@@ -42,14 +58,14 @@ def _values(values: pd.DataFrame) -> Figure:
     figure, axes = _panels(roads)
     for panel, road in zip(axes, roads, strict=False):
         here = part[part["road"] == road]
-        for colour, method in zip(CYCLE, SHOWN, strict=False):
+        for n, (colour, method) in enumerate(zip(CYCLE, SHOWN, strict=False)):
             line = here[here["method"] == method]
             if len(line):
-                panel.plot(line["k"], line["value"], ".-", color=colour, label=method, markersize=4)
+                panel.plot(line["k"], line["value"], color=colour, label=method, **_ring(n))
         bound = here.dropna(subset=["bound"]).groupby("k")["bound"].max()
         if len(bound):
             panel.plot(bound.index, bound, "_", color=GREY, markersize=9, label="proven bound")
-        panel.set_yscale("log")
+        _logarithmic(panel)
         panel.set_xlabel("cameras k")
         panel.set_ylabel("trace (m²)")
     handles, labels = axes[0].get_legend_handles_labels()
@@ -69,11 +85,11 @@ def _closed_loop(driven: pd.DataFrame) -> Figure:
             loose["k"], loose["cross_track_rms_m"], ".", color=GREY, markersize=3,
             label="random sets", zorder=1,
         )  # fmt: skip
-        for colour, kind in zip(CYCLE, kinds, strict=False):
+        for n, (colour, kind) in enumerate(zip(CYCLE, kinds, strict=False)):
             best = here[(here["placed_for"] == kind) & (here["method"] != "random")]
             best = best[best["method"] != "uniform"].groupby("k")["cross_track_rms_m"].min()
-            panel.plot(best.index, best, "o-", color=colour, label=f"for {kind}", markersize=4)
-        panel.set_yscale("log")
+            panel.plot(best.index, best, color=colour, label=f"for {kind}", **_ring(n))
+        _logarithmic(panel)
         panel.set_xlabel("cameras k")
         panel.set_ylabel("rms cross-track (m)")
     handles, labels = axes[0].get_legend_handles_labels()

@@ -19,6 +19,20 @@ from reports import construction_document
 DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "findings.md"
 
 
+def accuracy(folder: Path) -> str:
+    """Return the 95 % radius of the circle by pitch, ours and the dissertation's."""
+    table = pd.read_csv(folder / "error-model" / "bounds_by_pitch.csv")
+    by_pitch = table.set_index(["protocol", "pitch_deg"])
+    rows = []
+    for pitch in (90.0, 70.0, 50.0, 40.0):
+        cells = [f"{pitch:.0f}°"]
+        for protocol in ("image", "road", "dissertation"):
+            row = by_pitch.loc[(protocol, pitch)]
+            cells.append(f"{row['mean_m']:.2f} / {row['median_m']:.2f} / {row['p95_m']:.2f} m")
+        rows.append(cells)
+    return markdown(["pitch", "ours, over the image", "ours, over a road", "dissertation"], rows)
+
+
 def poses(folder: Path) -> str:
     """Return the best pose for each objective at the dissertation's curvatures, either side."""
     table = pd.read_csv(folder / "single-camera" / "optima.csv")
@@ -212,6 +226,7 @@ def roads(folder: Path) -> str:
 
 
 TABLES: Mapping[str, Callable[[Path], str]] = {
+    "accuracy": accuracy,
     "poses": poses,
     "losses": losses,
     "pose ranks": pose_ranks,
