@@ -98,6 +98,8 @@ class Counting:
     @property
     def need(self) -> int:
         """The proven number of units of price: whole, as every placement's is."""
+        if self._need >= MOST_UNITS:  # no number of them suffices
+            return self._need
         return -(-self._need // self.course.per_unit)
 
     def prove(
