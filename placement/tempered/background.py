@@ -49,7 +49,8 @@ def score_of(objective: Entropy, background: list[FloatArray], share: float) -> 
 
 def _whitened(drive: Drive) -> Drive:
     info = drive.information
-    if info.white is None:
+    white = info.white
+    if white is None:
         raise ValueError("information.white is needed beside information.offsets, got None")
     chain = take_in(drive.steps(), drive.initial_covariance(), np.zeros((info.n_samples, 3)))
     lengths = np.diff(info.indptr)
@@ -62,7 +63,7 @@ def _whitened(drive: Drive) -> Drive:
         return found
 
     def scaled(share: FloatArray) -> Drive:
-        blocks = (info.white * np.repeat(share, lengths)[:, None]).astype(np.float32)
+        blocks = (white * np.repeat(share, lengths)[:, None]).astype(np.float32)
         return replace(drive, information=replace(info, blocks=blocks, white=None, offsets=None))
 
     want = tells(drive)
