@@ -13,6 +13,7 @@ rows of the textbook's program, for m ≥ 2 they are stronger than its m·z ≤ 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from models.geometry import BoolArray, FloatArray, IntArray
@@ -80,9 +81,8 @@ class CoverageCuts:
         members = np.flatnonzero(usable & (constraints.group >= 0))
         order = members[np.argsort(constraints.group[members], kind="stable")]
         for group in np.split(order, np.flatnonzero(np.diff(constraints.group[order])) + 1):
-            rows = self.objective.seen[group]
-            common = (rows @ rows.T).toarray()
-            size = np.diff(rows.indptr)
+            common = self._common(group)
+            size = np.diagonal(common)
             inside = common >= size[:, None]  # row's samples are all among column's
             equal = inside & inside.T
             lower = np.arange(group.size)[None, :] < np.arange(group.size)[:, None]
@@ -93,6 +93,18 @@ class CoverageCuts:
             np.fill_diagonal(beaten, val=False)
             mask[group] = beaten.any(axis=1)
         return mask
+
+    def _common(self, group: IntArray) -> NDArray[np.float32]:
+        """Count the samples that each two of `group` (g,) see, (g, g): whole numbers, so exact."""
+        f = self.objective
+        lengths = f.indptr[group + 1] - f.indptr[group]
+        starts = np.cumsum(lengths) - lengths
+        entry = np.arange(int(lengths.sum())) + np.repeat(f.indptr[group] - starts, lengths)
+        samples, column = np.unique(f.indices[entry], return_inverse=True)
+        looks = np.zeros((group.size, samples.size), dtype=np.float32)
+        looks[np.repeat(np.arange(group.size), lengths), column] = 1.0
+        common: NDArray[np.float32] = looks @ looks.T
+        return common
 
     def _rows(self, samples: IntArray, held: IntArray, inside: BoolArray) -> Cuts:
         """Assemble a cut for each of `samples`; `inside` (nnz,) marks J, `held` (t,) its size."""

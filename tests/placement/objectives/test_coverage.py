@@ -163,6 +163,40 @@ def test_cuts_lie_above_every_set_and_touch_their_own(times: int, new_informatio
             assert np.all(cuts.at(chosen) >= terms[cuts.sample] - 1e-15)
 
 
+@pytest.mark.parametrize("priced", [False, True])
+def test_useless_is_who_sees_no_more_than_another_of_the_group(
+    priced: bool, new_problem: Make
+) -> None:
+    marked = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        base = new_problem(rng, n_candidates=12, n_samples=9, budget=3, groups=True, required=(2,))
+        constraints = base.constraints
+        if priced:
+            cost = rng.integers(1, 4, 12).astype(float)
+            constraints = replace(constraints, cost=cost, money=20.0)
+        f = Coverage(base.objective.information)
+        sees = [set(f.indices[f.indptr[i] : f.indptr[i + 1]].tolist()) for i in range(12)]
+        usable = constraints.usable()
+        usable[2] = False
+        mask = CoverageCuts(f).useless(constraints)
+        for i in range(12):
+            better = [
+                j
+                for j in range(12)
+                if j != i
+                and usable[i]
+                and usable[j]
+                and constraints.group[i] == constraints.group[j] >= 0
+                and sees[i] <= sees[j]
+                and (sees[i] < sees[j] or j < i)
+                and (not priced or constraints.cost[j] <= constraints.cost[i])
+            ]
+            assert mask[i] == bool(better)
+        marked += int(mask.sum())
+    assert marked > 5
+
+
 def test_merging_samples_changes_no_value(new_information: Make) -> None:
     rng = np.random.default_rng(5)
     f = Coverage(new_information(rng, 4, 60), 2, rng.integers(1, 9, 60))
