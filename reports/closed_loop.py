@@ -86,27 +86,20 @@ def run(
         lambda name, _share: progress(f"closed loop: {name}", 0.1),
     )
     driven = {
-        f"{base.name}, {case.name}": (base, case, share, seed)
+        f"{base.name}, {case.name}": (out_dir, base, case, share, seed)
         for base in _instances(roads)
         for case in CASES
     }
     found = parts.compute(
         _drive, driven, lambda name, done: progress(f"closed loop: {name}", 0.1 + 0.9 * done)
     )
-    figures: dict[str, Figure] = {}
-    with style():
-        for each in found:
-            if "profile" in each:
-                figure = Figure(figsize=(8.0, 3.6))
-                draw_nees(figure.subplots(), each["profile"])
-                figures[f"nees_{each['prediction']['instance']}"] = figure
     tables = {
         "dead_reckoning": drift,
-        "prediction": pd.DataFrame([each["prediction"] for each in found if "profile" in each]),
+        "prediction": pd.DataFrame([each["prediction"] for each in found if "prediction" in each]),
         "consistency": pd.concat([each["consistency"] for each in found], ignore_index=True),
     }
     progress("closed loop: writing", None)
-    write_files(out_dir, study_files(tables, figures))
+    write_files(out_dir, study_files(tables, {}))
 
 
 def dead_reckoning(runs: tuple[int, ...] = DEAD_RECKONING_RUNS, seed: int = 0) -> pd.DataFrame:
@@ -179,8 +172,11 @@ def _instances(roads: Sequence[Path]) -> list[Instance]:
     return [base.changed(PLACED_FOR) for base in (*map(load_instance, INSTANCES), *given)]
 
 
-def _drive(base: Instance, case: Case, share: int, seed: int) -> dict[str, Any]:
-    """Drive one case of one instance; greedy places its cameras in a second."""
+def _drive(out_dir: Path, base: Instance, case: Case, share: int, seed: int) -> dict[str, Any]:
+    """Drive one case of one instance; greedy places its cameras in a second.
+
+    The first case is also predicted, and its consistency drawn.
+    """
     scene = assemble(base)
     setting = Setting(scene, solve(scene.problem, "greedy").selected)
     # what drives reads the instance, not the information precomputed from it
@@ -190,7 +186,10 @@ def _drive(base: Instance, case: Case, share: int, seed: int) -> dict[str, Any]:
     row: dict[str, Any] = {"consistency": _consistency(base.name, case, driven)}
     if case.name == CASES[0].name:
         row["prediction"] = _prediction(setting, driven, share, seed)
-        row["profile"] = driven.profile
+        with style():
+            figure = Figure(figsize=(8.0, 3.6))
+            draw_nees(figure.subplots(), driven.profile)
+        write_files(out_dir, study_files({}, {f"nees_{base.name}": figure}))
     return row
 
 

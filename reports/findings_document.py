@@ -22,12 +22,11 @@ DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "findings.md"
 def accuracy(folder: Path) -> str:
     """Return the 95 % radius of the circle by pitch, ours and the dissertation's."""
     table = pd.read_csv(folder / "error-model" / "bounds_by_pitch.csv")
-    by_pitch = table.set_index(["protocol", "pitch_deg"])
     rows = []
     for pitch in (90.0, 70.0, 50.0, 40.0):
         cells = [f"{pitch:.0f}°"]
         for protocol in ("image", "road", "dissertation"):
-            row = by_pitch.loc[(protocol, pitch)]
+            row = table[(table["protocol"] == protocol) & (table["pitch_deg"] == pitch)].iloc[0]
             cells.append(f"{row['mean_m']:.2f} / {row['median_m']:.2f} / {row['p95_m']:.2f} m")
         rows.append(cells)
     return markdown(["pitch", "ours, over the image", "ours, over a road", "dissertation"], rows)
