@@ -29,11 +29,10 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.documents import markdown, replace_table
+from benchmarks.documents import existing, fill, markdown
 from models.errors import ErrorModel
 from models.files.roadfile import read_road_file
 from models.network import RoadNetwork
-from placement.atomic import write_files
 from placement.city.information import Site
 from placement.city.mounts import network_mounts, network_order
 from placement.city.solve import (
@@ -93,8 +92,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--workers", type=int)
     parser.add_argument("--cluster")
     parser.add_argument("--json", type=Path, help="also write the numbers here")
-    parser.add_argument("--document", type=Path, help="fill the tables of this document")
+    parser.add_argument("--document", type=existing, help="fill the tables of this document")
     options = parser.parse_args(arguments)
+    try:
+        measure(options)
+    except ValueError as error:
+        parser.exit(2, f"error: {error}\n")
+
+
+def measure(options: argparse.Namespace) -> None:
+    """Run the city, or parts of it; print, and write what was asked for."""
     work = work_at(options.workers, options.cluster)
     try:
         stages = Stages()
@@ -112,10 +119,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.json is not None:
         options.json.write_text(json.dumps(found, indent=2) + "\n")
     if options.document is not None:
-        text = options.document.read_text(encoding="utf-8")
-        for name, table in tables(found).items():
-            text = replace_table(text, name, table)
-        write_files(options.document.parent, {options.document.name: text})
+        fill(options.document, tables(found))
 
 
 def run(

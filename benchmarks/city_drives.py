@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.city import Stages, say_table
-from benchmarks.documents import markdown, replace_table
+from benchmarks.documents import existing, fill, markdown
 from models.geometry import FloatArray, IntArray
 from models.network import RoadNetwork
 from models.projections import Projection
@@ -65,19 +65,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--cameras", type=int, help="instead of budget.cameras")
     parser.add_argument("--check", type=int, default=10, help="drives that the referee filters")
     parser.add_argument("--runs", type=int, default=20, help="closed-loop runs of each of those")
-    parser.add_argument("--document", type=Path, help="fill the tables of this document")
+    parser.add_argument("--document", type=existing, help="fill the tables of this document")
     parser.add_argument("--workers", type=int)
     parser.add_argument("--cluster")
     options = parser.parse_args(arguments)
     try:
         found = run(options)
     except ValueError as error:
-        sys.exit(f"error: {error}")
+        parser.exit(2, f"error: {error}\n")
     if options.document is not None:
-        text = options.document.read_text(encoding="utf-8")
-        for name, table in tables(found).items():
-            text = replace_table(text, name, table)
-        write_files(options.document.parent, {options.document.name: text})
+        fill(options.document, tables(found))
     if not all(row["agrees"] for row in found["checked"]):
         sys.exit("error: the referee does not agree")
 

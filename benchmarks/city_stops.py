@@ -21,8 +21,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.documents import markdown, replace_table
-from placement.atomic import write_files
+from benchmarks.documents import existing, fill, markdown
 
 _PATIENCE_S = 0.05
 _SELECTING_S = 5.0  # after the last chunk: loaded, and choosing or proving
@@ -34,16 +33,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("network", type=Path)
     parser.add_argument("--store", type=Path, required=True, help="a folder for both stores")
     parser.add_argument("--cameras", type=int, default=2000)
-    parser.add_argument("--document", type=Path, help="fill the table of this document")
+    parser.add_argument("--document", type=existing, help="fill the table of this document")
     options = parser.parse_args(arguments)
     rows, same = stops(options.network, options.store, options.cameras)
     sys.stdout.write(markdown(list(rows[0]), [[str(v) for v in row.values()] for row in rows]))
     sys.stdout.write(f"\nsame cameras, value and bound: {'yes' if same else 'NO'}\n")
     if options.document is not None:
         cells = [[str(item) for item in row.values()] for row in rows]
-        text = options.document.read_text(encoding="utf-8")
-        text = replace_table(text, "city: stops", markdown(list(rows[0]), cells))
-        write_files(options.document.parent, {options.document.name: text})
+        fill(options.document, {"city: stops": markdown(list(rows[0]), cells)})
     if not same or any(row["written again"] for row in rows):
         sys.exit(1)
 

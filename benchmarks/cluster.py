@@ -22,9 +22,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.city import PRIOR_SIGMA_M, build_site
-from benchmarks.documents import markdown, replace_table
+from benchmarks.documents import existing, fill, markdown
 from models.files.roadfile import read_road_file
-from placement.atomic import write_files
 from placement.city.information import Site
 from placement.city.solve import compute_city, load_city, open_store, solve_city
 from placement.cluster import DaskCluster, Work
@@ -39,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("network", type=Path)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--json", type=Path, help="also write the numbers here")
-    parser.add_argument("--document", type=Path, help="fill the table of this document")
+    parser.add_argument("--document", type=existing, help="fill the table of this document")
     options = parser.parse_args(arguments)
     site = build_site(read_road_file(options.network), PART, 25.0)
     times: dict[int, list[dict[str, float]]] = {1: [], 2: []}
@@ -66,9 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.json is not None:
         options.json.write_text(json.dumps(found, indent=2) + "\n")
     if options.document is not None:
-        text = options.document.read_text(encoding="utf-8")
-        text = replace_table(text, "two workers", table(found))
-        write_files(options.document.parent, {options.document.name: text})
+        fill(options.document, {"two workers": table(found)})
     if len(results) > 1:
         sys.exit(1)
 

@@ -2,8 +2,28 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from placement.atomic import write_files
+
+
+def existing(text: str) -> Path:
+    """Take a document's path from a command line, and refuse one that is not there at once."""
+    path = Path(text)
+    if not path.is_file():
+        raise argparse.ArgumentTypeError(f"must be a document that exists, got {text}")
+    return path
+
+
+def fill(path: Path, tables: Mapping[str, str]) -> None:
+    """Replace the tables of these names in the document `path`; raises as `replace_table` does."""
+    text = path.read_text(encoding="utf-8")
+    for name, table in tables.items():
+        text = replace_table(text, name, table)
+    write_files(path.parent, {path.name: text})
 
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
