@@ -179,7 +179,7 @@ def check_seen_twice(seeds: range, failures: int, offsets: int) -> None:
         several += best >= 2
     assert twice >= 0.5 * len(seeds)
     assert several >= 0.4 * len(seeds)
-    assert np.mean(reached) >= (0.4 if failures else 0.7)  # and no empty promise
+    assert np.mean(reached) >= (0.3 if failures or offsets else 0.7)  # and no empty promise
 
 
 @pytest.mark.parametrize("failures", [0, 1])
