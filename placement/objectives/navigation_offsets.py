@@ -7,8 +7,8 @@ import numpy as np
 from models.geometry import FloatArray, IntArray
 from placement.objectives.navigation_chain import Drive
 from placement.objectives.windows.final import half_inverse, negative_entropy, require_finite
+from placement.objectives.windows.offset_adjoint import offset_adjoint
 from placement.objectives.windows.offset_gains import (
-    offset_adjoint,
     offset_entropy_gains,
     offset_final,
     offset_forgetting,

@@ -41,7 +41,7 @@ FIRST_ORDER_PASSES = 5
 SECOND_ORDER_PASSES = 8
 WORTH_IT = 0.8  # go on while a pass leaves fewer than this share of the arcs
 # with persistent errors: shares, and multiples of the background
-PERSISTENT_SHARES = (1.0, 0.98, 0.95, 0.9, 0.8, 0.6)
+PERSISTENT_SHARES = (1.0, 0.98, 0.95, 0.9, 0.8, 0.6, 0.4)
 SCALES = (1.0, 0.3)
 RELAXED_SHARE = 0.2  # of the time left, for the relaxation of persistent errors
 MOST_PAIRS = 5e8  # bytes of first-order gains; a line longer than 11,000 is not bounded by chains

@@ -47,6 +47,7 @@ from placement.tempered.process import Cameras, Process, cameras_of, larger_piec
 
 ROWS = 128  # of gains between two looks at the clock
 TRIPLES = 500_000  # the same
+ARC_WORK = 50  # gains that take as long as one arc
 TRIPLE_S = 6e-5  # seconds for three windows that meet, with offsets
 TRIPLE_SHARE = 0.15  # of the time left that those may take
 ROUNDING = 1e-11  # relative error allowed for in f at fractional points
@@ -233,14 +234,16 @@ class SecondOrder:
         white = all(d.cameras.offsets.shape[2] == 0 for d in first.drives)
         self.exact = white or TRIPLE_S * meeting < TRIPLE_SHARE * min(run.remaining(), 1e3)
         target = arcs.target[arcs.out]
-        work = np.cumsum(np.diff(arcs.into) * np.diff(arcs.out_of))
+        # an arc is filtered once, which takes as long as some dozens of gains
+        work = np.cumsum(np.diff(arcs.into) * (np.diff(arcs.out_of) + ARC_WORK))
+        at_a_time = TRIPLES if white or not self.exact else TRIPLES // 20
         n = line.candidate.size
         # the tables pass twice over all pairs of arcs for each camera, some nanoseconds a pair
         reserve_s = 1.0 + 6e-9 * first.budget * float(arcs.triple[-1])
         begin = 0
         while begin < n and run.remaining() > reserve_s:
             done = work[begin - 1] if begin else 0
-            end = int(np.searchsorted(work, done + TRIPLES, side="right"))
+            end = int(np.searchsorted(work, done + at_a_time, side="right"))
             end = min(max(end, begin + 1), n)
             for d in first.drives:
                 add_triple_gains(
