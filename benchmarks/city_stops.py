@@ -103,7 +103,7 @@ def _start(network: Path, folder: Path, cameras: int) -> subprocess.Popen[bytes]
     command = [sys.executable, "-m", "benchmarks.city", str(network), "--store", str(folder)]
     command += ["--cameras", str(cameras), "--json", str(folder.with_suffix(".json"))]
     with folder.with_suffix(".log").open("w") as log:
-        return subprocess.Popen(command, stdout=log, stderr=log, preexec_fn=_hear)  # noqa: S603, PLW1509
+        return subprocess.Popen(command, stdout=log, stderr=log, preexec_fn=_hear)  # noqa: S603
 
 
 def _hear() -> None:
