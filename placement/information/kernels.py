@@ -13,9 +13,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from models.camera_checks import BORDER
 from models.cameras import (
     ANGLE_LIMIT,
-    BORDER,
     DOWN,
     FORWARD,
     HALF_U,

@@ -18,8 +18,8 @@ import math
 
 from numba import njit
 
+from models.camera_checks import BORDER
 from models.cameras import (
-    BORDER,
     DOWN,
     FOCAL_U,
     FOCAL_V,
