@@ -19,6 +19,8 @@ from placement.commands import solve_into, verify_in
 from placement.construction import Judged, choose_road
 from placement.instance import load_instance
 
+pytestmark = pytest.mark.usefixtures("ctrl_c_is_heard")
+
 TOML = """
 [road]
 width_m = 6.0

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,8 @@ from placement.verify import verify_folder
 
 OBJECTIVES = {"diagram": "trace", "tempered": "entropy", "tolerance": "tolerance"}
 
+pytestmark = pytest.mark.usefixtures("ctrl_c_is_heard")
+
 
 def problem_for(method: str, new_problem: Callable[..., Problem]) -> Problem:
     """Return a problem that the method takes, big enough for some progress."""
@@ -46,14 +48,6 @@ def problem_for(method: str, new_problem: Callable[..., Problem]) -> Problem:
         return Problem(Tolerance([drive], 0.4), count_only(40, 40), np.arange(40.0), 60.0)
     objective = Entropy([drive]) if kind == "entropy" else Trace([drive])
     return Problem(objective, count_only(40, 5), np.arange(40.0), 60.0)
-
-
-@pytest.fixture(autouse=True)
-def _listening() -> Iterator[None]:
-    """Hear SIGINT, also where the tests run in a background that ignores it."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
 
 
 def interrupt() -> None:
