@@ -40,37 +40,42 @@ def add_pair_gains(process, cameras, rows, whole, alone, alive, weight, begin, e
     that are not `whole` (n,) lack a piece of what they see: conditioning on less is valid, but they
     themselves gain `alone`, of the whole. Pairs not `alive` are −∞.
     """
+    for a in prange(begin, end):
+        _pair_gains_of(a, process, cameras, rows, whole, alone, alive, weight, pairs)
+
+
+@njit(cache=True)
+def _pair_gains_of(a, process, cameras, rows, whole, alone, alive, weight, pairs):  # type: ignore[no-untyped-def]
     n = alone.size
     p = cameras.offsets.shape[2]
     first, last = cameras.first, cameras.last
     samples = process.prior.shape[0]
-    for a in prange(begin, end):
-        space = work_space(2, p)
-        ahead, row = np.empty((samples, 6)), np.empty(ROW)
-        both = np.empty(2, np.int64)
-        both[0] = a
-        given = 0.0
-        if last[a] >= 0:
-            start = prior_at(process, first[a])
-            given = worth(start, rows[a])
-            behind = after(start, rows[a])
-            predict_ahead(process, behind, last[a], samples - 1, ahead)
-        for b in range(a + 1, n):
-            if not alive[a, b]:
-                pairs[a, b] = -np.inf
-                continue
-            if last[b] < 0:
-                continue
-            if last[a] < 0 or not whole[b]:
-                gain = alone[b]
-            elif first[b] > last[a]:
-                gain = worth(row6(ahead, first[b]), rows[b])
-            else:
-                both[1] = b
-                s = min(first[a], first[b])
-                cross(process, cameras, both, s, max(last[a], last[b]), space, row)
-                gain = min(worth(prior_at(process, s), row) - given, alone[b])
-            pairs[a, b] = rounded_up(np.float64(pairs[a, b]) + weight * max(gain, 0.0))
+    space = work_space(2, p)
+    ahead, row = np.empty((samples, 6)), np.empty(ROW)
+    both = np.empty(2, np.int64)
+    both[0] = a
+    given = 0.0
+    if last[a] >= 0:
+        start = prior_at(process, first[a])
+        given = worth(start, rows[a])
+        behind = after(start, rows[a])
+        predict_ahead(process, behind, last[a], samples - 1, ahead)
+    for b in range(a + 1, n):
+        if not alive[a, b]:
+            pairs[a, b] = -np.inf
+            continue
+        if last[b] < 0:
+            continue
+        if last[a] < 0 or not whole[b]:
+            gain = alone[b]
+        elif first[b] > last[a]:
+            gain = worth(row6(ahead, first[b]), rows[b])
+        else:
+            both[1] = b
+            s = min(first[a], first[b])
+            cross(process, cameras, both, s, max(last[a], last[b]), space, row)
+            gain = min(worth(prior_at(process, s), row) - given, alone[b])
+        pairs[a, b] = rounded_up(np.float64(pairs[a, b]) + weight * max(gain, 0.0))
 
 
 @njit(cache=True, parallel=True)
@@ -100,111 +105,122 @@ def add_triple_gains(  # type: ignore[no-untyped-def]
     stretch, unless `exact`; less to be conditioned on is valid. `rows`, `whole`, `alone`: as for
     pairs.
     """
+    for place in prange(nodes.size):
+        _triple_gains_of(
+            nodes[place], process, cameras, rows, whole, alone, exact, weight,
+            into, source, out_of, target, triple, out,
+        )  # fmt: skip
+
+
+@njit(cache=True)
+def _triple_gains_of(  # type: ignore[no-untyped-def]
+    j, process, cameras, rows, whole, alone, exact, weight,
+    into, source, out_of, target, triple, out,
+):  # fmt: skip
+    # apart from the parallel loop, whose body takes numba twice as long
     p = cameras.offsets.shape[2]
     first, last = cameras.first, cameras.last
     samples = process.prior.shape[0]
-    for place in prange(nodes.size):
-        j = nodes[place]
-        begin, end = out_of[j], out_of[j + 1]
-        if begin == end or into[j] == into[j + 1]:
+    begin, end = out_of[j], out_of[j + 1]
+    if begin == end or into[j] == into[j + 1]:
+        return
+    space = work_space(3, p)
+    none = np.empty((3 + 3 * p, 0))
+    two, three, one = np.empty(2, np.int64), np.empty(3, np.int64), np.empty(1, np.int64)
+    by_h, ahead, row = np.empty((samples, 6)), np.empty((samples, 6)), np.empty(ROW)
+    # what j and each k that meets it make of their stretch together
+    joint = np.empty((end - begin, ROW))
+    farthest = 0
+    for m in range(begin, end):
+        k = target[m]
+        if last[k] < 0 or not whole[k]:
             continue
-        space = work_space(3, p)
-        none = np.empty((3 + 3 * p, 0))
-        two, three, one = np.empty(2, np.int64), np.empty(3, np.int64), np.empty(1, np.int64)
-        by_h, ahead, row = np.empty((samples, 6)), np.empty((samples, 6)), np.empty(ROW)
-        # what j and each k that meets it make of their stretch together
-        joint = np.empty((end - begin, ROW))
-        farthest = 0
+        farthest = max(farthest, first[k])
+        if last[j] >= 0 and first[k] <= last[j]:
+            two[0], two[1] = j, k
+            s = min(first[j], first[k])
+            cross(process, cameras, two, s, max(last[j], last[k]), space, joint[m - begin])
+    for a in range(into[j], into[j + 1]):
+        h = source[a]
+        wanted = False
+        for m in range(begin, end):
+            if out[triple[a] + m - begin] > -np.inf:
+                wanted = True
+        if not wanted:
+            continue
+        # `by_h` from h's first sample on: the car as h knows it; until then nobody does
+        h_from = samples
+        if last[h] >= 0:
+            h_from = first[h]
+            low = max(first[j] if last[j] >= 0 else farthest, last[h])
+            set_covariance(space[0], prior_at(process, h_from))
+            one[0] = h
+            run_through(process, cameras, one, h_from, last[h], space, none, by_h)
+            predict_ahead(process, row6(by_h, last[h]), last[h], max(low, farthest), by_h)
+        # `ahead` behind both
+        behind = -1
+        both_worth = 0.0
+        if last[j] >= 0:
+            if last[h] < 0:
+                p_j = prior_at(process, first[j])
+                p_end, behind = after(p_j, rows[j]), last[j]
+            elif first[j] > last[h]:
+                p_j = row6(by_h, first[j])
+                p_end, behind = after(p_j, rows[j]), last[j]
+            else:
+                two[0], two[1] = h, j
+                s, behind = min(first[h], first[j]), max(last[h], last[j])
+                cross(process, cameras, two, s, behind, space, row)
+                both_worth = worth(prior_at(process, s), row)
+                p_end = after(prior_at(process, s), row)
+            predict_ahead(process, p_end, behind, farthest, ahead)
+        elif last[h] >= 0:
+            behind = last[h]
+            predict_ahead(process, row6(by_h, last[h]), behind, farthest, ahead)
         for m in range(begin, end):
             k = target[m]
-            if last[k] < 0 or not whole[k]:
+            at = triple[a] + m - begin
+            if last[k] < 0 or out[at] == -np.inf:
                 continue
-            farthest = max(farthest, first[k])
-            if last[j] >= 0 and first[k] <= last[j]:
-                two[0], two[1] = j, k
+            if not whole[k] or behind < 0:
+                gain = alone[k]
+            elif first[k] > behind:
+                gain = worth(row6(ahead, first[k]), rows[k])
+            elif last[j] < 0:
+                gain = alone[k]
+            else:
                 s = min(first[j], first[k])
-                cross(process, cameras, two, s, max(last[j], last[k]), space, joint[m - begin])
-        for a in range(into[j], into[j + 1]):
-            h = source[a]
-            wanted = False
-            for m in range(begin, end):
-                if out[triple[a] + m - begin] > -np.inf:
-                    wanted = True
-            if not wanted:
-                continue
-            # `by_h` from h's first sample on: the car as h knows it; until then nobody does
-            h_from = samples
-            if last[h] >= 0:
-                h_from = first[h]
-                low = max(first[j] if last[j] >= 0 else farthest, last[h])
-                set_covariance(space[0], prior_at(process, h_from))
-                one[0] = h
-                run_through(process, cameras, one, h_from, last[h], space, none, by_h)
-                predict_ahead(process, row6(by_h, last[h]), last[h], max(low, farthest), by_h)
-            # `ahead` behind both
-            behind = -1
-            both_worth = 0.0
-            if last[j] >= 0:
-                if last[h] < 0:
-                    p_j = prior_at(process, first[j])
-                    p_end, behind = after(p_j, rows[j]), last[j]
-                elif first[j] > last[h]:
-                    p_j = row6(by_h, first[j])
-                    p_end, behind = after(p_j, rows[j]), last[j]
+                if exact and last[h] >= s:
+                    three[0], three[1], three[2] = h, j, k
+                    s = min(s, first[h])
+                    stop = max(max(last[h], last[j]), last[k])
+                    set_covariance(space[0], prior_at(process, s))
+                    gain = run_through(
+                        process, cameras, three, s, stop, space, none, np.empty((0, 6))
+                    )
+                    gain -= cameras.own[h] + cameras.own[j] + cameras.own[k]
+                    if both_worth == 0.0:
+                        p_h = prior_at(process, first[h])
+                        both_worth = worth(p_h, rows[h]) + worth(row6(by_h, first[j]), rows[j])
+                    gain -= both_worth
                 else:
-                    two[0], two[1] = h, j
-                    s, behind = min(first[h], first[j]), max(last[h], last[j])
-                    cross(process, cameras, two, s, behind, space, row)
-                    both_worth = worth(prior_at(process, s), row)
-                    p_end = after(prior_at(process, s), row)
-                predict_ahead(process, p_end, behind, farthest, ahead)
-            elif last[h] >= 0:
-                behind = last[h]
-                predict_ahead(process, row6(by_h, last[h]), behind, farthest, ahead)
-            for m in range(begin, end):
-                k = target[m]
-                at = triple[a] + m - begin
-                if last[k] < 0 or out[at] == -np.inf:
-                    continue
-                if not whole[k] or behind < 0:
-                    gain = alone[k]
-                elif first[k] > behind:
-                    gain = worth(row6(ahead, first[k]), rows[k])
-                elif last[j] < 0:
-                    gain = alone[k]
-                else:
-                    s = min(first[j], first[k])
-                    if exact and last[h] >= s:
-                        three[0], three[1], three[2] = h, j, k
-                        s = min(s, first[h])
-                        stop = max(max(last[h], last[j]), last[k])
-                        set_covariance(space[0], prior_at(process, s))
-                        gain = run_through(
-                            process, cameras, three, s, stop, space, none, np.empty((0, 6))
-                        )
-                        gain -= cameras.own[h] + cameras.own[j] + cameras.own[k]
-                        if both_worth == 0.0:
-                            p_h = prior_at(process, first[h])
-                            both_worth = worth(p_h, rows[h]) + worth(row6(by_h, first[j]), rows[j])
-                        gain -= both_worth
+                    # the car as it comes to s; h's later measurements are left out
+                    if s > h_from:
+                        p_s = ahead_of(process, row6(by_h, s - 1), s)
                     else:
-                        # the car as it comes to s; h's later measurements are left out
-                        if s > h_from:
-                            p_s = ahead_of(process, row6(by_h, s - 1), s)
-                        else:
-                            p_s = prior_at(process, s)
-                        p_j = p_s
-                        for t in range(s + 1, first[j] + 1):
-                            p_j = ahead_of(process, p_j, t)
-                        if first[k] <= last[j]:
-                            gain = worth(p_s, joint[m - begin]) - worth(p_j, rows[j])
-                        else:
-                            p_k = after(p_j, rows[j])
-                            for t in range(last[j] + 1, first[k] + 1):
-                                p_k = ahead_of(process, p_k, t)
-                            gain = worth(p_k, rows[k])
-                    gain = min(gain, alone[k])
-                out[at] = rounded_up(np.float64(out[at]) + weight * max(gain, 0.0))
+                        p_s = prior_at(process, s)
+                    p_j = p_s
+                    for t in range(s + 1, first[j] + 1):
+                        p_j = ahead_of(process, p_j, t)
+                    if first[k] <= last[j]:
+                        gain = worth(p_s, joint[m - begin]) - worth(p_j, rows[j])
+                    else:
+                        p_k = after(p_j, rows[j])
+                        for t in range(last[j] + 1, first[k] + 1):
+                            p_k = ahead_of(process, p_k, t)
+                        gain = worth(p_k, rows[k])
+                gain = min(gain, alone[k])
+            out[at] = rounded_up(np.float64(out[at]) + weight * max(gain, 0.0))
 
 
 @njit(cache=True)

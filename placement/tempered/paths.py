@@ -33,7 +33,8 @@ class Arcs(NamedTuple):
 def lay_out(alive: BoolArray) -> Arcs:
     """Lay out the arcs that `alive` (n, n) marks."""
     n = len(alive)
-    target, source = np.nonzero(alive.T)
+    # contiguous, so that kernels are compiled for one kind of array
+    target, source = (np.ascontiguousarray(part) for part in np.nonzero(alive.T))
     out = np.lexsort((target, source))
     into = np.concatenate([[0], np.cumsum(np.bincount(target, minlength=n))]).astype(np.int64)
     out_of = np.concatenate([[0], np.cumsum(np.bincount(source, minlength=n))]).astype(np.int64)
