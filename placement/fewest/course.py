@@ -94,7 +94,7 @@ def course_of(
         settled=pieces.settled(),
         floor=before * (1.0 - 1e-12),
         limit=limit * (1.0 + ROUNDING),
-        failures=failures,
+        failures=int(failures),  # a bool would have every kernel compiled again
         who=np.where(pieces.single[who], pieces.owner[who], -1),
         indptr=views_of.indptr,
         indices=views_of.indices,

@@ -99,7 +99,7 @@ def make_plan(
         slot[by_time],
         entry[by_time],
         np.concatenate([[0], np.cumsum(after.sum(axis=1))]),
-        np.nonzero(after)[1],
+        np.ascontiguousarray(np.nonzero(after)[1]),  # strided, kernels would be compiled again
         np.concatenate([[0], np.cumsum(states * states)]),
         int(3 + p * max(during.sum(axis=1).max(initial=0), 0)),
     )
