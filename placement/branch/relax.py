@@ -128,7 +128,7 @@ def relax(  # type: ignore[no-untyped-def]
             for a in range(p):
                 prices[a] = price * cost[ids[a]]
         climb(
-            kind, theta, slope, G, r, x, m, local, distinct, prices, _STEPS,
+            kind, theta, slope, G, r, x, m, local, distinct, prices, np.int64(_STEPS),
             0.2 * enough / max(m, 1),
         )  # fmt: skip
     for a in range(p):
