@@ -17,7 +17,6 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import os
 import resource
 import sys
 import time
@@ -44,7 +43,7 @@ from placement.city.solve import (
     open_store,
     solve_city,
 )
-from placement.cluster import Work, work_at
+from placement.cluster import Work, cores, work_at
 from placement.instance.schema import CameraSection, MountsSection
 from placement.watch import watch
 
@@ -224,7 +223,7 @@ def summary(network: RoadNetwork, problem: CityProblem, solution: CitySolution) 
         "price": solution.price,
         **solution.stats,
         "selected sha256": hashlib.sha256(solution.selected.tobytes()).hexdigest(),
-        "processors": len(os.sched_getaffinity(0)),
+        "processors": cores(),
     }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -30,7 +29,7 @@ from models.simulation import (
 )
 from models.vehicle import PROFILES, OdometryNoise
 from placement.assemble import Scene, build_errors, build_odometry
-from placement.cluster import Serial, Work
+from placement.cluster import Serial, Work, cores
 
 FILTER_HZ = 25.0
 _BATCH = 50
@@ -216,7 +215,7 @@ def validate_loop(
     tallies = {}
     for n, name in enumerate(FILTERS):
         tally = _Tally(loop, tolerance_m)
-        threads = min(os.cpu_count() or 1, 8) if work is None else 1
+        threads = min(cores(), 8) if work is None else 1
         tasks = [
             _Batch(loop, name, range(first, min(first + _BATCH, runs)), seed, threads)
             for first in range(0, runs, _BATCH)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -101,6 +100,7 @@ def report(
     """
     from placement.atomic import prepare_folder
     from placement.cli import EXIT_UNSOLVED
+    from placement.cluster import cores
     from placement.watch import watch
     from reports.all_studies import Given, run_all
     from reports.parts import work_for
@@ -112,7 +112,7 @@ def report(
     if roads and not any(each.takes_roads for each in chosen.values()):
         raise ValueError(f"--road is for {', '.join(_with_roads())}, got the study {study}")
     prepare_folder(out)
-    work = work_for(workers or _cores())
+    work = work_for(workers or cores())
     try:
         with watch(quiet) as progress:
             given = Given(quick=quick, seed=seed, roads=roads, work=work)
@@ -131,11 +131,6 @@ def report(
 
 def _with_roads() -> list[str]:
     return [name for name, study in STUDIES.items() if study.takes_roads]
-
-
-def _cores() -> int:
-    """Return the cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def run_study(

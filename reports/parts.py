@@ -26,7 +26,7 @@ import numpy as np
 import pandas as pd
 
 from placement.atomic import write_files
-from placement.cluster import Processes, Serial, Work
+from placement.cluster import Processes, Serial, Work, work_at
 
 Tell = Callable[[str, float], None]
 MARK = "run.json"
@@ -73,7 +73,7 @@ class Parts:
 
 def work_for(workers: int) -> Work:
     """Return a place for `workers` parts at a time: this process for one."""
-    return Serial() if workers == 1 else Processes(workers)
+    return work_at(None if workers == 1 else workers)
 
 
 def folder_for(folder: Path, mark: Mapping[str, Any]) -> Path:

@@ -8,7 +8,6 @@ Fisher 1978), and `placement.city.cuts` says how far it can be.
 from __future__ import annotations
 
 import heapq
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -19,12 +18,20 @@ from numpy.typing import NDArray
 
 from models.geometry import FloatArray, IntArray
 from placement.city.drives import CityDrives
-from placement.city.trajectories import absorb, gain_anew, pair_gains, renew_drive
+from placement.city.trajectories import (
+    Messages,
+    Sightings,
+    absorb,
+    gain_anew,
+    no_messages,
+    pair_gains,
+    renew_drive,
+)
+from placement.cluster import cores
 from placement.information.chunks import Chunk
 from placement.objectives.windows.filter import add_rows, empty_messages, filter_forward
 
 Report = Callable[[str, float | None], None]
-Messages = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 _SHARE = 4096  # candidates, or a run of drives, that a thread takes at one time
 
 
@@ -51,6 +58,12 @@ class TrajectoryProblem:
     def csr(self) -> tuple[Any, Any, Any]:
         """indptr, indices and blocks."""
         return self.rows.indptr, self.rows.indices, self.rows.blocks
+
+    @property
+    def seen(self) -> Sightings:
+        """The candidates' rows and the drives as the kernels take them."""
+        d = self.drives
+        return Sightings(*self.csr, d.frames, d.owner, d.start, d.steps)
 
     def by_drive(self, selected: IntArray) -> FloatArray:
         """Return each drive's log det ratio (d,) for rows `selected`, filtered from scratch."""
@@ -95,52 +108,36 @@ class Trajectories:
     """A placement under construction: what makes a gain cost its own window."""
 
     problem: TrajectoryProblem
-    total: FloatArray = field(init=False)
-    before: FloatArray = field(init=False)
-    later: FloatArray = field(init=False)
-    own: FloatArray = field(init=False)
-    rest: FloatArray = field(init=False)
+    messages: Messages = field(init=False)
 
     def __post_init__(self) -> None:
         """Start with no camera."""
-        t = len(self.problem.drives.points)
-        self.total = np.zeros((t, 3))
-        self.before, self.later = np.empty((t, 6)), np.empty((t, 6))
-        self.own, self.rest = np.empty(t), np.empty(t)
+        self.messages = no_messages(len(self.problem.drives.points))
         self.renew()
-
-    @property
-    def messages(self) -> Messages:
-        """What the kernels take: total, before, later, own, rest."""
-        return self.total, self.before, self.later, self.own, self.rest
 
     def renew(self, total: FloatArray | None = None) -> FloatArray:
         """Compute every message anew, from `total` (t, 3) if given; return log dets (d,)."""
         drives = self.problem.drives
         if total is not None:
-            self.total[:] = total
+            self.messages.total[:] = total
 
         def one(d: int) -> float:
             begin, end = int(drives.start[d]), int(drives.start[d + 1])
-            return float(renew_drive(begin, end, drives.steps, drives.p0, *self.messages))
+            return float(renew_drive(begin, end, drives.steps, drives.p0, self.messages))
 
-        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        with ThreadPoolExecutor(cores()) as pool:
             return np.array(list(pool.map(one, range(len(drives)))))
 
     def gains(self) -> FloatArray:
         """Return what every pair gains (pairs,), unweighted."""
-        d, (_, indices, blocks) = self.problem.drives, self.problem.csr
-        pairs = self.problem.pairs
-        n = len(pairs[1])
+        _, drive, first = self.problem.pairs
+        n, seen = len(drive), self.problem.seen
         out = np.empty(n)
 
         def some(begin: int) -> None:
-            pair_gains(
-                begin, min(begin + _SHARE, n), pairs, indices, blocks, d.frames, d.owner, d.steps,
-                *self.messages, out,
-            )  # fmt: skip
+            pair_gains(begin, min(begin + _SHARE, n), first, seen, self.messages, out)
 
-        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        with ThreadPoolExecutor(cores()) as pool:
             for _ in pool.map(some, range(0, n, _SHARE)):
                 pass
         return out
@@ -162,7 +159,7 @@ def greedy_trajectories(
     """
     if budget < 1:
         raise ValueError(f"budget.cameras must be at least 1, got {budget}")
-    d, (_, indices, blocks), pairs = problem.drives, problem.csr, problem.pairs
+    d, seen, pairs = problem.drives, problem.seen, problem.pairs
     state = Trajectories(problem)
     known = state.gains()
     upper = np.bincount(problem.pair_row, known * d.weights[pairs[1]], len(problem.group))
@@ -184,10 +181,7 @@ def greedy_trajectories(
         if fresh[i] != now:
             fresh[i] = now
             looks += 1
-            gain = gain_anew(
-                i, pairs, indices, blocks, d.frames, d.owner, d.weights, d.steps,
-                *state.messages, changed, known, when, now,
-            )  # fmt: skip
+            gain = gain_anew(i, pairs, seen, d.weights, state.messages, changed, known, when, now)
             gain = min(-least, gain)
             if gain > 0.0:
                 heapq.heapreplace(heap, (-gain, i))
@@ -198,10 +192,7 @@ def greedy_trajectories(
         taken[problem.group[i]] = True
         chosen.append(i)
         gains.append(-least)
-        renewed += absorb(
-            i, *problem.csr, d.frames, d.owner, d.start, d.steps,
-            *state.messages, changed, now + 1,
-        )  # fmt: skip
+        renewed += absorb(i, seen, state.messages, changed, now + 1)
         if progress is not None and len(chosen) % 20 == 0:
             progress(f"greedy: {len(chosen)} of {budget}", len(chosen) / budget)
         if stop is not None and stop():

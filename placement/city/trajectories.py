@@ -21,6 +21,7 @@ A *pair* is a candidate and a drive that it sees: `pairs` are indptr (c + 1,), e
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -42,23 +43,49 @@ from placement.objectives.windows.filter import (
 SETTLED = 1e-11  # of a variance or an information: a change this small is none
 
 
+class Sightings(NamedTuple):
+    """What is seen where, as long as no camera is chosen: CSR rows of candidates over all drives.
+
+    indptr (c + 1,), indices (nnz,) and blocks (nnz, 1 | 3) are the candidates' own; frames (t,),
+    owner (t,), start (d + 1,) and steps (t, N_STEP) those of `placement.city.drives.CityDrives`.
+    """
+
+    indptr: IntArray
+    indices: NDArray[np.int32]
+    blocks: NDArray[np.float32]
+    frames: FloatArray
+    owner: NDArray[np.int32]
+    start: IntArray
+    steps: FloatArray
+
+
+class Messages(NamedTuple):
+    """What the chosen cameras tell, (t, 3), and what follows from it, a row a sample.
+
+    before (t, 6) P, later (t, 6) Γ, own (t,) log det(I + P J), rest (t,) log det(I + P⁺ Γ).
+    """
+
+    total: FloatArray
+    before: FloatArray
+    later: FloatArray
+    own: FloatArray
+    rest: FloatArray
+
+
+def no_messages(t: int) -> Messages:
+    """Return room for the messages of t samples, with no camera."""
+    return Messages(np.zeros((t, 3)), np.empty((t, 6)), np.empty((t, 6)), np.empty(t), np.empty(t))
+
+
 @njit(cache=True, error_model="numpy", nogil=True)
 def renew_drive(
-    begin: int,
-    end: int,
-    steps: FloatArray,
-    p0: FloatArray,
-    total: FloatArray,
-    before: FloatArray,
-    later: FloatArray,
-    own: FloatArray,
-    rest: FloatArray,
+    begin: int, end: int, steps: FloatArray, p0: FloatArray, messages: Messages
 ) -> float:
-    """Compute the messages of samples begin … end − 1, one drive, from `total` (t, 3).
+    """Compute the messages of samples begin … end − 1, one drive, from their `total`.
 
-    Fills `before` (t, 6) P, `later` (t, 6) Γ, `own` (t,) log det(I + P J), `rest` (t,)
-    log det(I + P⁺ Γ). Returns the drive's log det, Σ own.
+    Returns the drive's log det, Σ own.
     """
+    total, before, later, own, rest = messages
     p = (p0[0], p0[1], p0[2], p0[3], p0[4], p0[5])
     g = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     put6(later, end - 1, g)
@@ -79,102 +106,64 @@ def renew_drive(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def gain_on_drive(
-    e: int,
-    stop: int,
-    indices: NDArray[np.int32],
-    blocks: NDArray[np.float32],
-    frames: FloatArray,
-    owner: NDArray[np.int32],
-    steps: FloatArray,
-    total: FloatArray,
-    before: FloatArray,
-    later: FloatArray,
-    own: FloatArray,
-    rest: FloatArray,
-) -> tuple[float, int]:
-    """Return what entries e … of one candidate gain on the drive of the first, and where it ends.
+def gain_on_drive(e: int, stop: int, seen: Sightings, messages: Messages) -> float:
+    """Return what entries e … of one candidate gain on the drive of the first.
 
-    That is the first entry of another drive, or `stop`.
+    They end at the first entry of another drive, or at `stop`.
     """
-    t = np.int64(indices[e])
-    drive = owner[t]
+    total, before, later, own, rest = messages
+    t = np.int64(seen.indices[e])
+    drive = seen.owner[t]
     p = row6(before, t)
     log_sum, product = 0.0, 1.0
+    more = True
     while True:
-        ja, jc, jb = block_of(blocks, e)
-        f = frames[t]
-        q0, q1, q2, q3, q4, q5, det = update(
-            p, total[t, 0] + f * ja, total[t, 1] + f * jc, total[t, 2] + f * jb
-        )
+        ja, jc, jb = total[t, 0], total[t, 1], total[t, 2]
+        if seen.indices[e] == t:
+            a, c, b = block_of(seen.blocks, e)
+            f = seen.frames[t]
+            ja, jc, jb = ja + f * a, jc + f * c, jb + f * b
+            e += 1
+            more = e < stop and seen.owner[seen.indices[e]] == drive
+        q0, q1, q2, q3, q4, q5, det = update(p, ja, jc, jb)
         p = (q0, q1, q2, q3, q4, q5)
         log_sum -= own[t]
         product *= det
         if product > RESCALE:
             log_sum += math.log(product)
             product = 1.0
-        e += 1
-        if e == stop:
-            break
-        u = np.int64(indices[e])
-        if owner[u] != drive:
-            break
-        while t < u:
-            t += 1
-            p = predict(p, steps[t])
-            if t < u:
-                q0, q1, q2, q3, q4, q5, det = update(p, total[t, 0], total[t, 1], total[t, 2])
-                p = (q0, q1, q2, q3, q4, q5)
-                log_sum -= own[t]
-                product *= det
-                if product > RESCALE:
-                    log_sum += math.log(product)
-                    product = 1.0
-    return log_sum + math.log(product) + log_det_plus(p, row6(later, t)) - rest[t], e
+        if not more:
+            log_sum += math.log(product)
+            gain: float = log_sum + log_det_plus(p, row6(later, t)) - rest[t]
+            return gain
+        t += 1
+        p = predict(p, seen.steps[t])
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def pair_gains(
     begin: int,
     end: int,
-    pairs: tuple[IntArray, NDArray[np.int32], IntArray],
-    indices: NDArray[np.int32],
-    blocks: NDArray[np.float32],
-    frames: FloatArray,
-    owner: NDArray[np.int32],
-    steps: FloatArray,
-    total: FloatArray,
-    before: FloatArray,
-    later: FloatArray,
-    own: FloatArray,
-    rest: FloatArray,
+    first: IntArray,
+    seen: Sightings,
+    messages: Messages,
     out: FloatArray,
 ) -> None:
-    """Write the gains of pairs begin … end − 1, unweighted, into `out` (pairs,)."""
-    first = pairs[2]
+    """Write the gains of pairs begin … end − 1, unweighted, into `out` (pairs,).
+
+    `first` (pairs + 1,) are the pairs' first entries.
+    """
     for q in range(begin, end):
-        gain, _ = gain_on_drive(
-            first[q], first[q + 1], indices, blocks, frames, owner, steps,
-            total, before, later, own, rest,
-        )  # fmt: skip
-        out[q] = max(gain, 0.0)
+        out[q] = max(gain_on_drive(first[q], first[q + 1], seen, messages), 0.0)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def gain_anew(
     i: int,
     pairs: tuple[IntArray, NDArray[np.int32], IntArray],
-    indices: NDArray[np.int32],
-    blocks: NDArray[np.float32],
-    frames: FloatArray,
-    owner: NDArray[np.int32],
+    seen: Sightings,
     weights: FloatArray,
-    steps: FloatArray,
-    total: FloatArray,
-    before: FloatArray,
-    later: FloatArray,
-    own: FloatArray,
-    rest: FloatArray,
+    messages: Messages,
     changed: NDArray[np.int32],
     known: FloatArray,
     when: NDArray[np.int32],
@@ -188,12 +177,8 @@ def gain_anew(
     found = 0.0
     for q in range(indptr[i], indptr[i + 1]):
         for e in range(first[q], first[q + 1]):
-            if changed[indices[e]] > when[q]:
-                known[q], _ = gain_on_drive(
-                    first[q], first[q + 1], indices, blocks, frames, owner, steps,
-                    total, before, later, own, rest,
-                )  # fmt: skip
-                known[q] = max(known[q], 0.0)
+            if changed[seen.indices[e]] > when[q]:
+                pair_gains(q, q + 1, first, seen, messages, known)
                 when[q] = now
                 break
         found += weights[drive[q]] * known[q]
@@ -202,35 +187,23 @@ def gain_anew(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def absorb(
-    i: int,
-    indptr: IntArray,
-    indices: NDArray[np.int32],
-    blocks: NDArray[np.float32],
-    frames: FloatArray,
-    owner: NDArray[np.int32],
-    start: IntArray,
-    steps: FloatArray,
-    total: FloatArray,
-    before: FloatArray,
-    later: FloatArray,
-    own: FloatArray,
-    rest: FloatArray,
-    changed: NDArray[np.int32],
-    now: int,
+    i: int, seen: Sightings, messages: Messages, changed: NDArray[np.int32], now: int
 ) -> int:
     """Add candidate i to `total` and mend the messages; return how many samples were renewed.
 
     Those are marked `now` in `changed` (t,).
     """
+    total, before, later, own, rest = messages
+    indices, owner, start, steps = seen.indices, seen.owner, seen.start, seen.steps
     renewed = 0
-    e, stop = indptr[i], indptr[i + 1]
+    e, stop = seen.indptr[i], seen.indptr[i + 1]
     while e < stop:
         first = last = int(indices[e])
         drive = owner[first]
         while e < stop and owner[indices[e]] == drive:
             last = int(indices[e])
-            ja, jc, jb = block_of(blocks, e)
-            f = frames[last]
+            ja, jc, jb = block_of(seen.blocks, e)
+            f = seen.frames[last]
             total[last, 0] += f * ja
             total[last, 1] += f * jc
             total[last, 2] += f * jb

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from models.installation import N_OFFSETS
 from models.obstacles import Obstacles
 from models.roads import RoadPoints
 from models.sight_grid import SightGrid, sight_grid
+from placement.cluster import cores
 from placement.information import kernels
 from placement.information.sample_tree import SampleTree, build_tree
 
@@ -89,7 +89,7 @@ def compute_information(
     tree = build_tree(points.x_m, points.y_m, points.heading_rad)
     c, width = len(cameras), 1 if errors.isotropic else 3
     if workers is None:
-        workers = max(1, min(len(os.sched_getaffinity(0)), c // (2 * SHARE)))
+        workers = max(1, min(cores(), c // (2 * SHARE)))
     tables = _Tables(cameras)
     grid = sight_grid(obstacles)
     indptr = np.zeros(c + 1, dtype=np.int64)

@@ -112,12 +112,12 @@ def test_gains_are_the_objectives_own_whatever_was_added_before(
         free = ~np.isin(np.arange(len(gains)), rows[: now - 1])
         np.testing.assert_allclose(gains[free], theirs.gains()[free], rtol=1e-9, atol=1e-9)
         before = [array.copy() for array in mended.messages]
-        absorb(i, *problem.csr, d.frames, d.owner, d.start, d.steps, *mended.messages, changed, now)
+        absorb(i, problem.seen, mended.messages, changed, now)
         theirs.add(i)
         for old, new in zip(before[3:], mended.messages[3:], strict=True):
             assert np.all(changed[old != new] == now)
     afresh = Trajectories(problem)
-    afresh.renew(mended.total)
+    afresh.renew(mended.messages.total)
     for one, other in zip(mended.messages, afresh.messages, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
 
