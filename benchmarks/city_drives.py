@@ -31,7 +31,6 @@ from benchmarks.city import Stages, say_table
 from benchmarks.documents import existing, fill, markdown
 from models.geometry import FloatArray, IntArray
 from models.network import RoadNetwork
-from models.projections import Projection
 from models.simulation import Settings, closed_loop, speed_policy
 from placement.assemble import build_errors, build_odometry
 from placement.atomic import prepare_folder, write_files
@@ -47,8 +46,8 @@ from placement.instance import Instance, load_instance
 from placement.obstacles import build_obstacles
 from placement.output import to_json
 from placement.referee.drive import Track, filter_drive
-from placement.referee.shadows import unhidden
-from placement.referee.sight import Eye, look
+from placement.referee.sight import Eye
+from placement.referee.values import eyes_through, look_past, track_of
 from placement.roadway import build_routes, network_of
 from placement.validation import FILTER_HZ, validate_loop
 from placement.watch import watch
@@ -210,12 +209,8 @@ def check(
     for d in which.tolist():
         track, xy = _track(instance, problem.drives, d)
         near = _near(instance, site, candidates, xy)
-        sights = []
-        for eye in near.eyes:
-            sight = look(eye, xy, instance.errors, instance.camera.max_range_m)
-            sight.seen[sight.seen] = unhidden(eye, xy[sight.seen], site.obstacles)
-            if sight.seen.any():
-                sights.append(sight)
+        looked = (look_past(site.obstacles, eye, xy, instance) for eye in near.eyes)
+        sights = [sight for sight in looked if sight.seen.any()]
         whole = filter_drive(track, sights)
         rms = math.sqrt(float(np.mean(whole.covariance[:, 0, 0] + whole.covariance[:, 1, 1])))
         row: dict[str, Any] = {
@@ -237,20 +232,7 @@ def _track(instance: Instance, drives: CityDrives, d: int) -> tuple[Track, Float
     here = slice(int(drives.start[d]), int(drives.start[d + 1]))
     s = drives.points.s_m[here]
     points = drives.roads[d].evaluate(s)  # anew, not from the solver's own samples
-    odometry = build_odometry(instance.vehicle)
-    track = Track(
-        s_m=s,
-        x_m=points.x_m,
-        y_m=points.y_m,
-        heading_rad=points.heading_rad,
-        densities=(
-            odometry.heading_rad_per_sqrt_m,
-            odometry.along_m_per_sqrt_m,
-            odometry.across_m_per_sqrt_m,
-        ),
-        initial_sigma=instance.vehicle.initial_sigma,
-        frames=instance.camera.rate_hz * float(s[1] - s[0]) / instance.vehicle.speed_mps,
-    )
+    track = track_of(instance, points, float(s[1] - s[0]))
     return track, np.column_stack([points.x_m, points.y_m])
 
 
@@ -262,22 +244,7 @@ def _near(instance: Instance, site: Site, candidates: IntArray, xy: FloatArray) 
         if np.hypot(xy[:, 0] - cameras.x_m[i], xy[:, 1] - cameras.y_m[i]).min()
         <= 1.001 * instance.camera.max_range_m
     ]
-    eyes = [
-        Eye(
-            float(cameras.x_m[i]),
-            float(cameras.y_m[i]),
-            float(cameras.height_m[i]),
-            float(cameras.yaw_rad[i]),
-            float(cameras.pitch_rad[i]),
-            float(cameras.hfov_rad[i]),
-            float(cameras.vfov_rad[i]),
-            float(cameras.width_px[i]),
-            float(cameras.height_px[i]),
-            Projection(int(cameras.projection[i])).name.lower(),
-        )
-        for i in rows
-    ]
-    return _Reach(eyes, candidates[np.array(rows, dtype=np.int64)])
+    return _Reach(eyes_through(cameras, rows), candidates[np.array(rows, dtype=np.int64)])
 
 
 def _driven(

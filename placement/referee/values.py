@@ -8,10 +8,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from models.cameras import Cameras
 from models.geometry import FloatArray
 from models.obstacles import Obstacles
 from models.projections import Projection
-from models.roads import Road
+from models.roads import Road, RoadPoints
 from placement.assemble import build_odometry, build_road
 from placement.candidates import Candidates
 from placement.instance import Instance
@@ -64,8 +65,15 @@ def _drive(instance: Instance, name: str, road: Road, weight: float, obstacles: 
     intervals = max(1, math.ceil(road.length_m / instance.road.sample_spacing_m - 1e-9))
     spacing = road.length_m / intervals
     points = road.evaluate(np.arange(intervals + (not road.closed)) * spacing)
+    track = track_of(instance, points, spacing)
+    xy = np.column_stack([points.x_m, points.y_m])
+    return Scene(instance, road, track, xy, points.curvature, name, weight, obstacles=obstacles)
+
+
+def track_of(instance: Instance, points: RoadPoints, spacing: float) -> Track:
+    """Return the drive along `points`, `spacing` metres apart, with the instance's odometry."""
     odometry = build_odometry(instance.vehicle)
-    track = Track(
+    return Track(
         s_m=points.s_m,
         x_m=points.x_m,
         y_m=points.y_m,
@@ -78,13 +86,15 @@ def _drive(instance: Instance, name: str, road: Road, weight: float, obstacles: 
         initial_sigma=instance.vehicle.initial_sigma,
         frames=instance.camera.rate_hz * spacing / instance.vehicle.speed_mps,
     )
-    xy = np.column_stack([points.x_m, points.y_m])
-    return Scene(instance, road, track, xy, points.curvature, name, weight, obstacles=obstacles)
 
 
 def eyes_of(candidates: Candidates, selected: Sequence[int]) -> list[Eye]:
     """Return the selected candidates, one camera each, as this referee sees them."""
-    c = candidates.cameras
+    return eyes_through(candidates.cameras, selected)
+
+
+def eyes_through(c: Cameras, selected: Sequence[int]) -> list[Eye]:
+    """Return the selected ones of the cameras `c` as this referee sees them."""
     return [
         Eye(
             float(c.x_m[i]),
@@ -110,14 +120,15 @@ def eyes_of(candidates: Candidates, selected: Sequence[int]) -> list[Eye]:
 
 def sights_of(scene: Scene, eyes: Sequence[Eye]) -> list[Sight]:
     """Look along the whole path with each camera, as far as no building stands in between."""
-    instance = scene.instance
-    sights = []
-    for eye in eyes:
-        sight = look(eye, scene.xy, instance.errors, instance.camera.max_range_m)
-        seen = sight.seen.copy()
-        seen[seen] = unhidden(eye, scene.xy[seen], scene.obstacles)
-        sights.append(replace(sight, seen=seen))
-    return sights
+    return [look_past(scene.obstacles, eye, scene.xy, scene.instance) for eye in eyes]
+
+
+def look_past(obstacles: Obstacles, eye: Eye, xy: FloatArray, instance: Instance) -> Sight:
+    """Look at the places `xy` (t, 2) with one camera, as far as no building stands in between."""
+    sight = look(eye, xy, instance.errors, instance.camera.max_range_m)
+    seen = sight.seen.copy()
+    seen[seen] = unhidden(eye, xy[seen], obstacles)
+    return replace(sight, seen=seen)
 
 
 def filtered(scene: Scene, sights: Sequence[Sight]) -> Filtered:
