@@ -7,7 +7,9 @@ from numba import njit
 
 from placement.objectives.windows.filter import predict, update
 from placement.objectives.windows.offsets import (
+    condition,
     enter_state,
+    innovation,
     predict_state,
     set_initial,
     update_state,
@@ -41,15 +43,8 @@ def learn(m, n, j0, j1, j2, u, v):  # type: ignore[no-untyped-def]
     for i in range(n):
         u[0, i], u[1, i] = m[0, i], m[1, i]
     s00, s01, s11 = u[0, 0], u[0, 1], u[1, 1]
-    det_j = j0 * j2 - j1 * j1
-    det = 1.0 + s00 * j0 + 2.0 * s01 * j1 + s11 * j2 + (s00 * s11 - s01 * s01) * det_j
-    a00, a01, a11 = (j0 + det_j * s11) / det, (j1 - det_j * s01) / det, (j2 + det_j * s00) / det
-    for i in range(n):
-        v[0, i] = a00 * u[0, i] + a01 * u[1, i]
-        v[1, i] = a01 * u[0, i] + a11 * u[1, i]
-    for i in range(n):
-        for j in range(n):
-            m[i, j] -= v[0, i] * u[0, j] + v[1, i] * u[1, j]
+    _, a00, a01, a11 = innovation(s00, s01, s11, j0, j1, j2)
+    condition(m, n, a00, a01, a11, u, v)
 
 
 @njit(cache=True)

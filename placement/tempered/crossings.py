@@ -24,7 +24,7 @@ from placement.objectives.windows.offsets import (
     enter_state,
     leave_state,
     set_initial,
-    white_block,
+    update_state,
 )
 from placement.tempered.process import prior_at, step_on
 
@@ -61,40 +61,12 @@ def learn(m, n, at, phi, told, cameras, e, share, u, v):  # type: ignore[no-unty
     there to here, is added to `told` (6,). Without columns `phi` stays out of it.
     """
     p = cameras.offsets.shape[2]
-    unit = 1.0 / math.sqrt(share)
-    u0, u1, v0, v1 = u[0], u[1], v[0], v[1]
-    for i in range(n):
-        u0[i], u1[i] = m[0, i], m[1, i]
-    for k in range(p):
-        b0, b1 = unit * cameras.offsets[e, 0, k], unit * cameras.offsets[e, 1, k]
-        row = m[at + k]
-        for i in range(n):
-            u0[i] += b0 * row[i]
-            u1[i] += b1 * row[i]
-    s00, s01, s11 = u0[0], u0[1], u1[1]
-    for k in range(p):
-        b0, b1 = unit * cameras.offsets[e, 0, k], unit * cameras.offsets[e, 1, k]
-        s00 += b0 * u0[at + k]
-        s01 += b1 * u0[at + k]
-        s11 += b1 * u1[at + k]
-    jtt, jtn, jnn = white_block(cameras.white, cameras.frames, e, share)
-    det_j = jtt * jnn - jtn * jtn
-    det = 1.0 + s00 * jtt + 2.0 * s01 * jtn + s11 * jnn + (s00 * s11 - s01 * s01) * det_j
-    a00, a01, a11 = (
-        (jtt + det_j * s11) / det,
-        (jtn - det_j * s01) / det,
-        (jnn + det_j * s00) / det,
+    det, a00, a01, a11 = update_state(
+        m, n, at, cameras.white, cameras.offsets, cameras.frames, e, share, u, v
     )
-    for i in range(n):
-        v0[i] = a00 * u0[i] + a01 * u1[i]
-        v1[i] = a01 * u0[i] + a11 * u1[i]
-    for i in range(n):
-        x0, x1 = v0[i], v1[i]
-        row = m[i]
-        for j in range(n):
-            row[j] -= x0 * u0[j] + x1 * u1[j]
     if phi.shape[1] == 0:
         return det
+    unit = 1.0 / math.sqrt(share)
     x0, x1, x2 = phi[0, 0], phi[0, 1], phi[0, 2]
     y0, y1, y2 = phi[1, 0], phi[1, 1], phi[1, 2]
     for k in range(p):
@@ -114,7 +86,7 @@ def learn(m, n, at, phi, told, cameras, e, share, u, v):  # type: ignore[no-unty
     told[4] += x1 * g2 + y1 * h2
     told[5] += x2 * g2 + y2 * h2
     for i in range(n):
-        w0, w1 = v0[i], v1[i]
+        w0, w1 = v[0, i], v[1, i]
         phi[i, 0] -= w0 * x0 + w1 * y0
         phi[i, 1] -= w0 * x1 + w1 * y1
         phi[i, 2] -= w0 * x2 + w1 * y2

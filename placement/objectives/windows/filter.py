@@ -17,7 +17,6 @@ import numpy as np
 from numba import njit
 
 from models.geometry import FloatArray
-from placement.objectives.navigation_chain import N_STEP
 
 BLOCK = 32  # samples a stored transfer spans; a gap shorter than two of them is walked
 RESCALE = 1e200  # products of determinants are folded into the logarithm beyond this
@@ -247,10 +246,3 @@ def smoothed_positions(after, later, out):  # type: ignore[no-untyped-def]
 def empty_messages(n_samples: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return storage for the covariances before and after, and the logarithms before."""
     return np.empty((n_samples, 6)), np.empty((n_samples, 6)), np.empty(n_samples)
-
-
-def identity_steps(n_samples: int) -> FloatArray:
-    """Return steps (t, N_STEP) that change nothing, for tests of single kernels."""
-    steps = np.zeros((n_samples, N_STEP))
-    steps[:, 0] = 1.0
-    return steps

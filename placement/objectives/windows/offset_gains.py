@@ -164,7 +164,7 @@ def offset_entropy_gains(  # type: ignore[no-untyped-def]
                 v,
             )
             if views.indices[e] == t:
-                det *= update_state(m, n, 3, white, offsets, frames, e, 1.0, u, v)
+                det *= update_state(m, n, 3, white, offsets, frames, e, 1.0, u, v)[0]
                 e += 1
             product *= det
             if product > RESCALE:

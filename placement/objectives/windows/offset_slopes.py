@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from placement.objectives.windows.offset_gains import load_before
-from placement.objectives.windows.offsets import drop_unseen, pass_sample, white_block
+from placement.objectives.windows.offsets import drop_unseen, innovation, pass_sample, white_block
 
 
 @njit(cache=True)
@@ -114,13 +114,7 @@ def own_innovation(white, offsets, frames, e, own, gain):  # type: ignore[no-unt
         s01 += offsets[e, 1, i] * c[0, i]
         s11 += offsets[e, 1, i] * c[1, i]
     jtt, jtn, jnn = white_block(white, frames, e, 1.0)
-    det_j = jtt * jnn - jtn * jtn
-    det = 1.0 + s00 * jtt + 2.0 * s01 * jtn + s11 * jnn + (s00 * s11 - s01 * s01) * det_j
-    a00, a01, a11 = (
-        (jtt + det_j * s11) / det,
-        (jtn - det_j * s01) / det,
-        (jnn + det_j * s00) / det,
-    )
+    _, a00, a01, a11 = innovation(s00, s01, s11, jtt, jtn, jnn)
     for i in range(p):
         gain[0, i] = a00 * c[0, i] + a01 * c[1, i]
         gain[1, i] = a01 * c[0, i] + a11 * c[1, i]
