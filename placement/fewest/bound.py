@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -118,7 +119,7 @@ class Counting:
                 k = asked * self.course.per_unit
                 for n, effort in enumerate(efforts):
                     self.finest = max(self.finest, n)
-                    report = lambda share, n=n: tell(n, share)  # noqa: E731
+                    report = partial(tell, n)
                     if not self.sweep(k, effort, probing=False, stop=stop, report=report):
                         return True  # no room for more: what is proven stays
                     if self.need > asked:
@@ -134,8 +135,7 @@ class Counting:
         for _ in range(MOST_PROBES):
             before = int(np.sum(self.floor))
             k = int(self.floor.max()) + self.course.per_unit
-            report = lambda share: tell(-1, share)  # noqa: E731
-            if not self.sweep(k, PROBE, probing=True, stop=stop, report=report):
+            if not self.sweep(k, PROBE, probing=True, stop=stop, report=partial(tell, -1)):
                 return False
             if int(np.sum(self.floor)) - before <= 0.01 * before:
                 break

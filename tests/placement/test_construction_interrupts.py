@@ -18,30 +18,9 @@ from placement import construction
 from placement.commands import solve_into, verify_in
 from placement.construction import Judged, choose_road
 from placement.instance import load_instance
+from tests.placement.test_construction import TOML
 
 pytestmark = pytest.mark.usefixtures("ctrl_c_is_heard")
-
-TOML = """
-[road]
-width_m = 6.0
-sample_spacing_m = 2.0
-[road.construct]
-start = [0, 0, 0]
-goal = [120, 0, 0]
-obstacles = [ [[45, -12], [80, -15], [60, 20]] ]
-min_radius_m = 15
-clearance_m = 2
-radius_factors = [1]
-bends = "clothoids"
-[mounts]
-spacing_m = 20
-[camera]
-yaw_deg = [0, 180]
-pitch_deg = [35]
-fov_deg = [[60, 45]]
-[budget]
-cameras = 3
-"""
 
 
 @pytest.fixture

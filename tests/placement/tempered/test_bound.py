@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Iterator
 
-import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -27,15 +25,6 @@ from placement.tempered.search import gains_beyond, search
 
 SHARES = (1.0, 0.7, 0.3, 0.02)
 NONE = np.empty(0, dtype=np.int64)
-
-
-@pytest.fixture(autouse=True)
-def one_thread() -> Iterator[None]:
-    """Keep threads off problems of a dozen candidates: starting them takes longer than the work."""
-    before = numba.get_num_threads()
-    numba.set_num_threads(1)
-    yield
-    numba.set_num_threads(before)
 
 
 def small_drive(rng: np.random.Generator, n: int, seed: int, offsets: int = 0) -> Drive:

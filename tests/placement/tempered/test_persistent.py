@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Iterator
 
-import numba
 import numpy as np
 import pytest
 
@@ -32,15 +30,6 @@ from tests.placement.tempered.test_bound import (
 )
 
 NONE = np.empty(0, dtype=np.int64)
-
-
-@pytest.fixture(autouse=True)
-def one_thread() -> Iterator[None]:
-    """Keep threads off problems of a dozen candidates: starting them takes longer than the work."""
-    before = numba.get_num_threads()
-    numba.set_num_threads(1)
-    yield
-    numba.set_num_threads(before)
 
 
 def new_run() -> Run:
