@@ -111,22 +111,6 @@ def perturbed_pixel(
 
 
 @njit(cache=True)
-def report_position(
-    nominal: FloatArray, actual: FloatArray, x: float, y: float, noise_u: float, noise_v: float
-) -> tuple[float, float, bool]:
-    """Return the position a camera reports of a car at (x, y), and whether it reports one.
-
-    `actual` is the camera as it stands (`displace_camera`), `nominal` as it was drawn, both rows of
-    a camera table; noise_u, noise_v are the image algorithm's error in pixels.
-    """
-    u, v, inside = pixel_from_ground(actual, x, y)
-    if not inside:
-        return math.nan, math.nan, False
-    u, v = perturbed_pixel(u, v, noise_u, noise_v)
-    return ground_from_pixel(nominal, u, v)
-
-
-@njit(cache=True)
 def _fill(
     table: FloatArray,
     camera: IntArray,

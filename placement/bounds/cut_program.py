@@ -68,15 +68,6 @@ class CutProgram:
         self.cuts = joined([self.cuts, cuts])
         self._add_cut_rows(cuts)
 
-    def drop_idle(self, multiplier: FloatArray, keep_from: int) -> None:
-        """Delete the rows before `keep_from` that have no multiplier; keep one for each sample."""
-        idle = multiplier <= 0.0
-        idle[keep_from:] = False
-        idle[np.unique(self.cuts.sample, return_index=True)[1]] = False
-        rows = (np.flatnonzero(idle) + self._fixed_rows).astype(np.int32)
-        self._highs.deleteRows(rows.size, rows)
-        self.cuts = self.cuts.subset(~idle)
-
     def solve(self, choice: Choice, seconds: float) -> Fraction | None:
         """Solve for a node's `choice`, warm from the last basis; None if that failed or ran out."""
         highs = self._highs
