@@ -13,6 +13,8 @@ from typing import Annotated
 
 import typer
 
+from placement.interrupts import interrupts_by_name
+
 EXIT_BAD_INPUT = 2
 EXIT_UNSOLVED = 3
 
@@ -40,7 +42,8 @@ Plant = Annotated[str, typer.Option(help="The simulated car: kinematic or single
 def interruptible() -> Iterator[None]:
     """Turn Ctrl-C outside a solver into one line and an exit code; inside, solvers see to it."""
     try:
-        yield
+        with interrupts_by_name():
+            yield
     except KeyboardInterrupt:
         typer.echo("placement: interrupted; nothing was written", err=True)
         raise typer.Exit(EXIT_UNSOLVED) from None
@@ -52,7 +55,8 @@ def main() -> None:
     for entry in entry_points(group="placement.commands"):
         entry.load()(app)
     try:
-        sys.exit(app(standalone_mode=False) or 0)
+        with interrupts_by_name():
+            sys.exit(app(standalone_mode=False) or 0)
     except typer.Abort:
         sys.exit(EXIT_UNSOLVED)
     except (ValueError, OSError, ArithmeticError, RecursionError) as error:

@@ -43,6 +43,24 @@ def stop_on_request() -> Iterator[None]:
         _ASKED.clear()
 
 
+@contextmanager
+def interrupts_by_name() -> Iterator[None]:
+    """Raise KeyboardInterrupt, where Ctrl-C hit compiled code, as what it is.
+
+    Numba returns from such a kernel with the exception set, and Python makes a SystemError of that,
+    once for each call it came through.
+    """
+    try:
+        yield
+    except SystemError as error:
+        cause: BaseException | None = error
+        while isinstance(cause, SystemError):
+            cause = cause.__cause__
+        if isinstance(cause, KeyboardInterrupt):
+            raise KeyboardInterrupt from None
+        raise
+
+
 def _ask(number: int, frame: FrameType | None) -> None:
     if _ASKED.is_set():
         signal.default_int_handler(number, frame)

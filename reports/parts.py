@@ -27,6 +27,7 @@ import pandas as pd
 
 from placement.atomic import write_files
 from placement.cluster import Processes, Serial, Work, work_at
+from placement.interrupts import interrupts_by_name
 
 Tell = Callable[[str, float], None]
 MARK = "run.json"
@@ -162,7 +163,8 @@ def _interruptible(work: Work) -> Iterator[Callable[[], None]]:
     if mine:
         signal.signal(signal.SIGINT, ask)
     try:
-        yield check
+        with interrupts_by_name():
+            yield check
     except KeyboardInterrupt:
         if isinstance(work, Processes):  # closing it waits for the parts under way
             for child in multiprocessing.active_children():

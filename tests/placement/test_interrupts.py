@@ -20,7 +20,7 @@ from benchmarks.synthetic_drives import random_drive
 from placement.budget_curve import budget_curve
 from placement.constraints import count_only
 from placement.information_problem import InformationProblem
-from placement.interrupts import asked_to_stop
+from placement.interrupts import asked_to_stop, interrupts_by_name
 from placement.objectives.entropy import Entropy
 from placement.objectives.log_det import LogDet
 from placement.objectives.tolerance import Tolerance
@@ -202,3 +202,12 @@ def test_an_interrupted_command_writes_its_solution_whole(tmp_path: Path, method
         assert sign * (record[side] - record["value"]) >= -1e-9 * abs(record["value"])
     # whole: the referee finds every file, recomputes the value, and keeps to every constraint
     assert not [check for check in verify_folder(tmp_path / "out").checks if not check.passed]
+
+
+def test_an_interrupt_that_hit_compiled_code_is_one() -> None:
+    inner = SystemError("an inner call returned a result with an exception set")
+    inner.__cause__ = KeyboardInterrupt()
+    with pytest.raises(KeyboardInterrupt), interrupts_by_name():
+        raise SystemError("a kernel returned a result with an exception set") from inner
+    with pytest.raises(SystemError, match="another"), interrupts_by_name():
+        raise SystemError("another")
