@@ -72,8 +72,16 @@ def load(path_or_name: str | Path) -> Scene:
     return assemble(load_instance(path_or_name))
 
 
-def assemble(instance: Instance, work: Work | None = None) -> Scene:
+def assemble(
+    instance: Instance,
+    work: Work | None = None,
+    *,
+    keep: Path | None = None,
+    progress: Callable[[str, float | None], None] | None = None,
+) -> Scene:
     """Turn an instance into a problem; `work` says where its information is computed.
+
+    `keep` is a folder for what is done of a whole city's (`placement.information.quarters`).
 
     Raises:
         ValueError: one line that names the field at fault, if the instance cannot be built: a road
@@ -87,8 +95,9 @@ def assemble(instance: Instance, work: Work | None = None) -> Scene:
     constraints = build_constraints(instance.budget, candidates)
     obstacles = build_obstacles(instance)
     journeys = build_journeys(
-        instance, road, candidates.cameras, build_errors(instance), obstacles, work
-    )
+        instance, road, candidates.cameras, build_errors(instance), obstacles, work,
+        keep=keep, progress=progress,
+    )  # fmt: skip
     if not any(len(journey.information.indices) for journey in journeys):
         raise ValueError(
             f"none of {len(candidates):,} candidate poses reports a position anywhere on the road: "

@@ -39,13 +39,20 @@ Plant = Annotated[str, typer.Option(help="The simulated car: kinematic or single
 
 
 @contextmanager
-def interruptible() -> Iterator[None]:
-    """Turn Ctrl-C outside a solver into one line and an exit code; inside, solvers see to it."""
+def interruptible(out: Path | None = None) -> Iterator[None]:
+    """Turn Ctrl-C outside a solver into one line and an exit code; inside, solvers see to it.
+
+    In the folder `out` something may be kept from which the same command goes on.
+    """
     try:
         with interrupts_by_name():
             yield
     except KeyboardInterrupt:
-        typer.echo("placement: interrupted; nothing was written", err=True)
+        from placement.commands import INFORMATION
+
+        kept = out is not None and (out / INFORMATION).is_dir()
+        left = "the same command goes on from here" if kept else "nothing was written"
+        typer.echo(f"placement: interrupted; {left}", err=True)
         raise typer.Exit(EXIT_UNSOLVED) from None
 
 
@@ -104,7 +111,7 @@ def solve(
     """Choose cameras for INSTANCE and prove how good the choice is."""
     from placement import commands
 
-    with interruptible():
+    with interruptible(out):
         status = commands.solve_into(
             out,
             instance,

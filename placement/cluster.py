@@ -14,9 +14,16 @@ import importlib
 import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from itertools import islice
 from typing import Any, Protocol, TypeVar
 
 Task = TypeVar("Task")
@@ -52,6 +59,35 @@ class Serial:
         del name  # nothing can die here but the program
         for i in range(len(tasks)):
             yield i, function(tasks[i])
+
+    def close(self) -> None:
+        """See `Work`."""
+
+
+class Threads:
+    """Run tasks in `workers` threads of this process: for kernels that hold no lock."""
+
+    def __init__(self, workers: int) -> None:
+        """Start nothing yet."""
+        self.workers = workers
+
+    def run(
+        self, function: Callable[[Task], Result], tasks: Sequence[Task], name: str
+    ) -> Iterator[tuple[int, Result]]:
+        """See `Work`; tasks are fetched as there is room for them."""
+        del name  # nothing can die here but the program
+        following = iter(range(len(tasks)))
+        running: dict[Future[Result], int] = {}
+        with ThreadPoolExecutor(self.workers) as pool:
+            for i in islice(following, self.workers):
+                running[pool.submit(function, tasks[i])] = i
+            while running:
+                done, _ = wait(running, return_when=FIRST_COMPLETED)
+                for future in done:
+                    i = running.pop(future)
+                    for other in islice(following, 1):
+                        running[pool.submit(function, tasks[other])] = other
+                    yield i, future.result()
 
     def close(self) -> None:
         """See `Work`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -47,6 +48,8 @@ LEFT_BEHIND = (
     "pareto.png",
     "pareto.svg",
 )
+# Where `solve` keeps what is done of a city's information until its solution is written.
+INFORMATION = "information"
 # Endings of bare information problems, and of tables of experiments.
 BARE = (".npz", ".csv", ".tsv", ".txt", ".dat")
 
@@ -85,7 +88,9 @@ def solve_into(
     A bare information problem (.npz, or a table of experiments) goes to `placement.bare`.
 
     A `budget` A:B solves every budget from A to B: the folder holds the solution of the last, and
-    the curve of all. `workers` and `cluster` say where work runs (`placement.cluster`).
+    the curve of all. `workers` and `cluster` say where work runs (`placement.cluster`). Until the
+    solution is written, `out/information` holds what is done of a city's information, so that the
+    same command goes on after a stop.
 
     Raises:
         ValueError: for bad input; nothing is written then.
@@ -130,7 +135,7 @@ def solve_into(
             )
             instance, curve = choice.instance, _front_files(choice)
             interrupted = choice.so_far()
-        scene = assemble(instance, work)
+        scene = assemble(instance, work, keep=out / INFORMATION, progress=report)
         if interrupted is not None:
             solution = interrupted
         elif budgets is None:
@@ -158,6 +163,8 @@ def solve_into(
         if solution.status.has_placement:
             prediction = predict(scene, solution.selected)
         _write(out, scene, solution, prediction, None, curve)
+        if solution.status is not Status.TIME_LIMIT:  # the same command may go on from there
+            shutil.rmtree(out / INFORMATION, ignore_errors=True)
     if not quiet:
         from placement.output import solution_lines
 

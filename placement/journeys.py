@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from models.vehicle import OdometryNoise
 from placement.cluster import Work
 from placement.information import Information, compute_information
 from placement.information.join import split_samples
+from placement.information.quarters import quarter_information
 from placement.information.spread import spread_information
 from placement.instance import Instance
 from placement.objectives.navigation_chain import Drive
@@ -77,10 +79,13 @@ def build_journeys(
     errors: ErrorModel,
     obstacles: Obstacles | None = None,
     work: Work | None = None,
+    *,
+    keep: Path | None = None,
+    progress: Callable[[str, float | None], None] | None = None,
 ) -> list[Journey]:
     """Sample each drive and compute what all `cameras` tell about it, past `obstacles`.
 
-    `work` says where, if not here.
+    `work` says where, if not here; `keep` is a folder for what is done of a whole city.
 
     Raises:
         ValueError: for too many samples, or a lane that cannot be.
@@ -94,7 +99,13 @@ def build_journeys(
         for (_, driven, _), count in zip(roads, counts, strict=True)
     ]
     frames = [instance.camera.rate_hz * d / instance.vehicle.speed_mps for d in spacings]
-    compute = compute_information if work is None else partial(spread_information, work)
+    compute: Callable[..., Information]
+    if network_of(instance) is not None:
+        compute = partial(quarter_information, work=work, keep=keep, progress=progress)
+    else:
+        compute = compute_information if work is None else partial(spread_information, work)
+    if roads[0][0] == STREETS:  # nobody drives there: only what one frame tells is ever asked for
+        errors = replace(errors, persistent=False)
     whole = compute(
         cameras,
         points[0] if len(points) == 1 else _one_after_another(points),

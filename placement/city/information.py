@@ -12,13 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.errors import ErrorModel
-from models.geometry import BoolArray, FloatArray
+from models.geometry import IntArray
 from models.obstacles import Obstacles
 from models.roads import RoadPoints
 from placement.city.dominance import undominated
 from placement.city.mounts import NetworkMounts
 from placement.information import compute_information
 from placement.information.chunks import Chunk
+from placement.information.surroundings import Surroundings
 
 CHUNK_MOUNTS = 512
 
@@ -33,7 +34,7 @@ class ChunkTask:
     first: int
     mounts: NetworkMounts
     points: RoadPoints
-    place: FloatArray
+    place: IntArray
     obstacles: Obstacles
     errors: ErrorModel
     max_range_m: float
@@ -55,8 +56,8 @@ class Site:
         return -(-len(self.mounts) // CHUNK_MOUNTS)
 
 
-def chunk_task(site: Site, number: int) -> ChunkTask:
-    """Cut what chunk `number` needs out of the city."""
+def chunk_task(site: Site, around: Surroundings, number: int) -> ChunkTask:
+    """Cut what chunk `number` needs out of the city, `around` being what surrounds its mounts."""
     first = number * CHUNK_MOUNTS
     here = slice(first, min(first + CHUNK_MOUNTS, len(site.mounts)))
     m = site.mounts
@@ -70,29 +71,8 @@ def chunk_task(site: Site, number: int) -> ChunkTask:
         m.size_px,
         m.projection,
     )
-    low = np.array([part.x_m.min(), part.y_m.min()]) - 1.001 * site.max_range_m
-    high = np.array([part.x_m.max(), part.y_m.max()]) + 1.001 * site.max_range_m
-    p = site.points
-    inside = (p.x_m >= low[0]) & (p.x_m <= high[0]) & (p.y_m >= low[1]) & (p.y_m <= high[1])
-    # Of one quarter's box other streets' mounts take most: keep what is near one of these.
-    place = np.flatnonzero(inside)
-    place = place[_within_reach(p.xy[place], part, site.max_range_m)]
-    points = RoadPoints(
-        *(
-            np.ascontiguousarray(column[place])
-            for column in (p.s_m, p.x_m, p.y_m, p.heading_rad, p.curvature)
-        )
-    )
-    boxes = [(ring.min(axis=0), ring.max(axis=0)) for ring in site.obstacles.rings]
-    near = [
-        i for i, (least, most) in enumerate(boxes) if np.all(most >= low) and np.all(least <= high)
-    ]
-    obstacles = Obstacles(
-        tuple(site.obstacles.rings[i] for i in near), site.obstacles.height_m[near]
-    )
-    return ChunkTask(
-        first, part, points, place.astype(np.int64), obstacles, site.errors, site.max_range_m
-    )
+    place, points, obstacles = around.near(part.x_m, part.y_m, site.max_range_m)
+    return ChunkTask(first, part, points, place, obstacles, site.errors, site.max_range_m)
 
 
 def compute_chunk(task: ChunkTask) -> bytes:
@@ -123,11 +103,3 @@ def compute_chunk(task: ChunkTask) -> bytes:
         task.place[found.indices[entries]].astype(np.int32),
         found.blocks[entries],
     ).as_bytes()
-
-
-def _within_reach(xy: FloatArray, mounts: NetworkMounts, reach_m: float) -> BoolArray:
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(np.column_stack([mounts.x_m, mounts.y_m]))
-    near: BoolArray = np.isfinite(tree.query(xy, distance_upper_bound=1.001 * reach_m)[0])
-    return near

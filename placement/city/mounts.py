@@ -16,6 +16,7 @@ from models.files.catalogue import CameraType
 from models.geometry import FloatArray, IntArray
 from models.network import RoadNetwork
 from models.projections import Projection
+from models.z_order import z_order
 from placement.candidates import facing_poses, refuse_too_many
 from placement.instance.schema import CameraSection, MountsSection
 from placement.network_mounts import count_tries, place_along
@@ -74,7 +75,7 @@ class NetworkMounts:
 def network_order(network: RoadNetwork) -> list[int]:
     """List the edges along a space-filling curve through their middles, ties by index."""
     middles = np.array([_middle(edge.lanes[0].outline) for edge in network.edges])
-    return [int(e) for e in np.lexsort((np.arange(len(middles)), _morton(middles)))]
+    return [int(e) for e in np.lexsort((np.arange(len(middles)), z_order(middles)))]
 
 
 def network_mounts(
@@ -137,14 +138,3 @@ def _menu(mounts: MountsSection, camera: CameraSection) -> FloatArray:
 def _middle(outline: FloatArray) -> FloatArray:
     middle: FloatArray = 0.5 * (outline.min(axis=0) + outline.max(axis=0))
     return middle
-
-
-def _morton(points: FloatArray) -> IntArray:
-    """Return each point's place on the Z-order curve through the box round all (n,)."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    scaled = (points - low) / max(float((high - low).max()), 1e-9) * (2**20 - 1)
-    code = np.zeros(len(points), dtype=np.int64)
-    for bit in range(20):
-        for axis in range(2):
-            code |= ((scaled[:, axis].astype(np.int64) >> bit) & 1) << (2 * bit + axis)
-    return code

@@ -20,6 +20,7 @@ from placement.city.regions import region_tasks, whole_task
 from placement.city.swaps import swap_cameras, swap_region
 from placement.cluster import Serial, Work
 from placement.information.chunks import Chunk, ChunkStore, fill, gather
+from placement.information.surroundings import Surroundings
 
 Report = Callable[[str, float | None], None]
 METHODS = ("lazy", "partitions", "stochastic")
@@ -94,12 +95,13 @@ class _Tasks(Sequence[ChunkTask]):
     def __init__(self, site: Site, numbers: list[int]) -> None:
         self.site = site
         self.numbers = numbers
+        self.around = Surroundings(site.points, site.obstacles)
 
     def __len__(self) -> int:
         return len(self.numbers)
 
     def __getitem__(self, i: Any) -> Any:
-        return chunk_task(self.site, self.numbers[i])
+        return chunk_task(self.site, self.around, self.numbers[i])
 
 
 def compute_city(

@@ -2,10 +2,10 @@
 
 The chain bound and its labels prove optimality for `localisation` (on the Norisring in half a
 second, where the integer program stops 0.2 % short after a minute) and the tempered chain for
-`entropy`; both are anytime. `trace` is searched and then bounded by the diagram along the road or
-the concave relaxation, whichever says more. For the other objectives the search along the road
-gives the best placements, and greedy's bound comes with them where the objective is submodular,
-else that of the concave relaxation.
+`entropy`; both are anytime. A city's `localisation` is cut into regions instead. `trace` is
+searched and then bounded by the diagram along the road or the concave relaxation, whichever says
+more. For the other objectives the search along the road gives the best placements, and greedy's
+bound comes with them where the objective is submodular, else that of the concave relaxation.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from placement.objectives.trace import Trace
 from placement.problem import Problem, Run
 from placement.solution import OPTIMAL_GAP, Proposal, Status
 
+CITY = 100_000  # candidates of `localisation` from which on regions prove more than the chain does
 BOUND_S = 10.0  # for a bound that no method gives, where there is no time limit
 
 
@@ -44,6 +45,8 @@ def solve_auto(problem: Problem, run: Run) -> Proposal:
         chosen = "tolerance"
     if chosen == "chain" and problem.constraints.beyond_matroid():
         chosen = "mip"  # the chain knows neither money nor separation
+    if isinstance(problem.objective, Localisation) and problem.constraints.n > CITY:
+        chosen = "greedy" if problem.constraints.beyond_matroid() else "regions"
     if isinstance(problem.objective, Coverage):
         chosen = "mip"
     if isinstance(problem.objective, DenseDesign) and not problem.constraints.separation_m:
