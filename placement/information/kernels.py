@@ -44,8 +44,9 @@ from models.errors import (
 from models.geometry import FloatArray, IntArray
 from models.installation import N_OFFSETS, offset_jacobian
 from models.projections import lens_angle
-from models.sight import BLOCKED, CLEAR, UNSURE, glance, look
+from models.sight_exact import look
 from models.sight_grid import SightGrid
+from models.sight_traversal import BLOCKED, CLEAR, UNSURE, glance
 from placement.information.pairs import inform, is_plain_pinhole, road_block
 from placement.information.sample_tree import LEAF, find_leaves
 

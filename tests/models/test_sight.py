@@ -14,8 +14,10 @@ from hypothesis import strategies as st
 from models.geometry import BoolArray, FloatArray
 from models.obstacles import Obstacles
 from models.orientation import orient
-from models.sight import CLEAR, UNSURE, glance, line_of_sight, look
+from models.sight import line_of_sight
+from models.sight_exact import look
 from models.sight_grid import sight_grid
+from models.sight_traversal import CLEAR, UNSURE, glance
 
 Point = tuple[Fraction, Fraction]
 SQUARE = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
