@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from models.geometry import FloatArray, IntArray
-from placement.chain import second_order
+from placement.chain import backtracking, second_order
 from placement.chain.labels import MOST_LABELS
 from placement.chain.segments import improve_by_stretches
 from placement.chain.stages import (
@@ -230,7 +230,7 @@ class ChainSearch:
                 seen[value] = best + stage.budget * value
                 if seen[value] <= min(seen.values()):
                     self._publish(seen[value], "chain, second order")
-                    path = second_order.decode(stage.windows, stage.arcs, start, arc)
+                    path = backtracking.decode(stage.windows, stage.arcs, start, arc)
                     self._offer(stage.windows.candidate[path], polishing=True)
             return seen[value]
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from models.geometry import FloatArray
-from placement.chain import first_order, second_order
+from placement.chain import backtracking, first_order, second_order
 from placement.chain.label_kernel import excess
 from placement.chain.pairs import pair_arcs
 from placement.chain.segments import conditioned
@@ -89,7 +89,7 @@ def check_road(road: Road) -> None:
         assert values.best + budget * price >= best - slack
         forward, start, arc = second_order.forward_best(windows, stage.arcs, price)
         assert forward == pytest.approx(values.best, rel=1e-12, abs=1e-12)
-        path = second_order.decode(windows, stage.arcs, start, arc)
+        path = backtracking.decode(windows, stage.arcs, start, arc)
         assert np.all(np.diff(path) > 0)
     beat = 0.8 * best
     stage = eliminated(stage, beat)
@@ -146,7 +146,7 @@ def test_third_gains_are_those_of_the_objective(isotropic: bool) -> None:
     for h, i, j in itertools.combinations(range(len(w)), 3):
         pair = f.value(w.candidate[[i, j]]) - f.value(w.candidate[[i]])
         third = f.value(w.candidate[[h, i, j]]) - f.value(w.candidate[[h, i]])
-        found = second_order.triple_gain(w, h, i, j, pair)
+        found = backtracking.triple_gain(w, h, i, j, pair)
         assert found == pytest.approx(third, rel=1e-9, abs=1e-12)
 
 
@@ -167,10 +167,10 @@ def test_the_kernel_agrees_with_the_plain_third_gains() -> None:
             (int(s), int(t)): g for s, t, g in zip(arcs.source, arcs.target, arcs.gain, strict=True)
         }
         full = three.alone[0] + pair[0, 1]
-        full += second_order.triple_gain(three, 0, 1, 2, pair[1, 2])
+        full += backtracking.triple_gain(three, 0, 1, 2, pair[1, 2])
         options = [full, *(three.alone[i] + pair[i, j] for i, j in pair)]
         assert best == pytest.approx(max(options), rel=1e-10)
-        assert len(second_order.decode(three, arcs, start, arc)) >= 2
+        assert len(backtracking.decode(three, arcs, start, arc)) >= 2
 
 
 def random_information(rng: np.random.Generator) -> FloatArray:
