@@ -20,14 +20,13 @@ from typing import Any
 
 import numpy as np
 
-from models.geometry import BoolArray, FloatArray, IntArray
+from models.geometry import FloatArray, IntArray
 from placement.branch.climb import LOG_DET, TRACE_INVERSE
+from placement.branch.design import Design, design_of
 from placement.branch.relax import relax
 from placement.branch.swaps import better_by_swaps, score_of
 from placement.branch.symmetry import orbits, products
 from placement.branch.tree import FREE, IN, OUT, search
-from placement.objectives.log_det import LogDet
-from placement.objectives.trace_inverse import TraceInverse, inverse_root
 from placement.problem import Problem, Run
 from placement.solution import OPTIMAL_GAP, Proposal, Status
 from placement.solvers.greedy import climb
@@ -58,103 +57,6 @@ def solve_branch(problem: Problem, run: Run) -> Proposal:
         Status.FEASIBLE if finished else Status.TIME_LIMIT,
         tree.stats(),
     )
-
-
-@dataclass(frozen=True, slots=True)
-class Design:
-    """The arrays of a problem over the candidates `ids` that are left; see `tree.search`."""
-
-    kind: int
-    base: FloatArray
-    root: FloatArray
-    V: FloatArray
-    group: IntArray
-    cost: FloatArray
-    purse: float
-    k: int
-    priced: bool
-    required: BoolArray
-    ids: IntArray
-    doubt: float  # relative: how far two ways of computing one score may be apart
-
-    def keep(self, mask: BoolArray) -> Design:
-        """Return the design over some of its candidates."""
-        _, group = np.unique(self.group[mask], return_inverse=True)
-        return Design(
-            self.kind,
-            self.base,
-            self.root,
-            np.ascontiguousarray(self.V[mask]),
-            group.astype(np.int64),
-            self.cost[mask],
-            self.purse,
-            self.k,
-            self.priced,
-            self.required[mask],
-            self.ids[mask],
-            self.doubt,
-        )
-
-
-def design_of(problem: Problem) -> Design:
-    """Lay out the problem: usable candidates, whitened by the prior where that keeps the value."""
-    objective, constraints = problem.objective, problem.constraints
-    if not isinstance(objective, LogDet | TraceInverse):
-        raise ValueError(f"method branch needs log_det or trace_inverse, got {objective.name}")
-    if constraints.separation_m:
-        raise ValueError("method branch cannot keep budget.separation_m")
-    n, c, r = objective.n_states, objective.n_candidates, objective.rank
-    if isinstance(objective, LogDet):  # M = L (I + Σ …) Lᵀ: the score is the second's log det
-        kind, base, root, V = LOG_DET, np.eye(n), np.eye(n), objective.whitened()
-        doubt = 0.0
-    else:
-        # The covariance of a direction that only the prior knows is as uncertain as the prior is.
-        W = inverse_root(objective.prior)
-        condition = float(np.trace(objective.prior) * np.sum(W * W))
-        doubt = n * float(np.finfo(float).eps) * condition
-        kind, base, root = TRACE_INVERSE, objective.prior.copy(), objective.root.copy()
-        V = np.ascontiguousarray(objective.columns.reshape(n, c, r).transpose(1, 2, 0))
-    usable = constraints.usable()
-    usable[constraints.required] = True
-    if kind == LOG_DET:
-        usable &= np.any(V != 0.0, axis=(1, 2)) | np.isin(np.arange(c), constraints.required)
-    alone = constraints.group < 0
-    key = np.where(alone, constraints.group.max(initial=0) + 1 + np.arange(c), constraints.group)
-    _, group = np.unique(key, return_inverse=True)
-    required = np.zeros(c, dtype=np.bool_)
-    required[constraints.required] = True
-    cost = np.zeros(c) if constraints.cost is None else constraints.cost.astype(np.float64)
-    design = Design(
-        kind,
-        np.ascontiguousarray(base, dtype=np.float64),
-        np.ascontiguousarray(root, dtype=np.float64),
-        V,
-        group.astype(np.int64),
-        cost,
-        constraints.purse if constraints.limits_money else np.inf,
-        constraints.budget,
-        constraints.limits_money,
-        required,
-        np.arange(c),
-        doubt,
-    ).keep(usable)
-    # Every design can be filled up to a base of the matroid, and none gets worse by it.
-    most = int(np.unique(design.group).size)
-    return replace_k(design, min(constraints.budget, most))
-
-
-def _merged(nodes: list[Any]) -> list[Any]:
-    """Return one node that allows whatever the given ones allow."""
-    bound, made, _, x, price = min(nodes, key=lambda node: node[0])
-    states = np.array([node[2] for node in nodes])
-    alike = np.all(states == states[0], axis=0)
-    return [(bound, made, np.where(alike, states[0], FREE).astype(np.int8), x, price)]
-
-
-def replace_k(design: Design, k: int) -> Design:
-    """Return `design` with room for `k`."""
-    values = {name: getattr(design, name) for name in design.__slots__}
-    return Design(**(values | {"k": k}))
 
 
 @dataclass(slots=True)
@@ -426,3 +328,11 @@ class Tree:
             groups.add(int(design.group[i]))
             spent += float(design.cost[i])
         return np.array(chosen, dtype=np.int64)
+
+
+def _merged(nodes: list[Any]) -> list[Any]:
+    """Return one node that allows whatever the given ones allow."""
+    bound, made, _, x, price = min(nodes, key=lambda node: node[0])
+    states = np.array([node[2] for node in nodes])
+    alike = np.all(states == states[0], axis=0)
+    return [(bound, made, np.where(alike, states[0], FREE).astype(np.int8), x, price)]

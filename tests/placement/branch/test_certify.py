@@ -11,6 +11,7 @@ from placement.bounds.concave import best_fraction
 from placement.bounds.matroid import root_choice
 from placement.branch.certify import best_sum, log_blocks, squares, upper
 from placement.branch.climb import LOG_DET, TRACE_INVERSE, climb, slopes_of
+from placement.branch.design import design_of
 from placement.branch.relax import relax
 from placement.branch.small import descending, eliminate, gram, inverse_factor, times
 from placement.branch.swaps import better_by_swaps, gains_over, score_of
@@ -18,7 +19,6 @@ from placement.constraints import Constraints, count_only
 from placement.objectives.log_det import LogDet
 from placement.objectives.trace_inverse import TraceInverse
 from placement.problem import Problem, Run
-from placement.solvers.branch import design_of
 
 NONE = np.empty(0, dtype=np.int64)
 

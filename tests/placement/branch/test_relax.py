@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from benchmarks.instances.generators import fusion
+from placement.branch.design import design_of
 from placement.branch.relax import relax
 from placement.information_problem import InformationProblem
-from placement.solvers.branch import design_of
 
 MONEY = (3.0, 8.0, 20.0)
 
