@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+
+# Read when NumPy and Numba are first imported, which is after this file. The tests' matrices are
+# small, and `make test` has a worker a core: threads of a matrix product would wait for each other
+# by spinning, which took ten times the processor time of the work. Passive ones sleep.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 SHARED_DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 
