@@ -155,20 +155,15 @@ def _localisation(scene: Scene, sights: Sequence[Sight]) -> float:
     information = np.tile(np.eye(2) / section.prior_sigma_m**2, (len(scene.xy), 1, 1))
     for sight in sights:
         information[sight.seen] += np.linalg.inv(sight.whole[sight.seen])
+    return localised(scene, information)
+
+
+def localised(scene: Scene, information: FloatArray) -> float:
+    """Return what a drive is worth where prior and cameras tell `information` (t, 2, 2)."""
+    section = scene.instance.objective
     gain = np.linalg.slogdet(information)[1] + 4.0 * math.log(section.prior_sigma_m)
     weights = np.ones(len(gain)) if section.weights is None else np.array(section.weights)
     return math.fsum(weights * gain)
-
-
-def standing(scene: Scene, sights: Sequence[Sight]) -> FloatArray:
-    """Return the covariance (t, 3, 3) of a car that knows its prior and sees these cameras."""
-    prior = 1.0 / scene.instance.objective.prior_sigma_m**2
-    information = np.tile(prior * np.eye(2), (len(scene.xy), 1, 1))
-    for sight in sights:
-        information[sight.seen] += np.linalg.inv(sight.whole[sight.seen])
-    covariance = np.zeros((len(scene.xy), 3, 3))
-    covariance[:, :2, :2] = np.linalg.inv(information)
-    return covariance
 
 
 def _entropy(scene: Scene, sights: Sequence[Sight]) -> float:
