@@ -1,11 +1,12 @@
-"""Prove placements for `entropy` on a road: relaxation, tempered chain, best-first search.
+"""Prove placements for `entropy` on a road: relaxation, chains, diagrams, best-first search.
 
-Swaps give a placement. The concave relaxation gives a first bound and its optimum y, at once. The
-tempered chain (`placement.tempered.bound`) then bounds, with y as its background, what cameras
-between y and themselves can add; candidates and arcs that cannot beat the placement are left out,
-which lets the next share θ, then the second order, bound more sharply; and the best paths, polished
-by swaps, better the placement. What remains is searched best first. Every stage has a valid bound
-while it runs, and `stats["bounds"]` tells what each has proven.
+Swaps and rearranged stretches give a placement. The concave relaxation gives a first bound and its
+optimum y, at once. The tempered chain (`placement.tempered.bound`) then bounds, with y as its
+background, what cameras between y and themselves can add; candidates and arcs that cannot beat the
+placement are left out, which lets the next share θ, then the diagram, whose gains are given all
+that came before (`placement.tempered.diagram`), then the second order bound more sharply; and the
+best paths, polished by swaps, better the placement. What remains is searched best first. Every
+stage has a valid bound while it runs, and `stats["bounds"]` tells what each has proven.
 
 Cameras with persistent offsets go the same way. Their background is white, of cameras that stand in
 for them (`placement.tempered.background`), and the relaxation, which is dear and weak for them,
@@ -23,13 +24,17 @@ import numpy as np
 from models.geometry import FloatArray, IntArray
 from placement.bounds.concave import best_fraction
 from placement.bounds.matroid import root_choice, without
+from placement.objectives.base import State
 from placement.objectives.entropy import Entropy
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
 from placement.solvers.exchange import polish
-from placement.solvers.greedy import climb
+from placement.solvers.greedy import best_addition, climb
+from placement.solvers.nearby import number_places
+from placement.solvers.search import Kicks
 from placement.tempered.background import background_of, stand_in
 from placement.tempered.bound import Line, SecondOrder, Tempered, make_line
+from placement.tempered.diagram import Diagram
 from placement.tempered.dominance import dominated
 from placement.tempered.paths import OutOfTimeError
 from placement.tempered.search import search
@@ -39,6 +44,12 @@ SHARES = (1.0, 0.95, 0.9, 0.8, 0.7, 0.6, 0.5, 0.35)
 THINNED = 600  # candidates of a thinned line
 FIRST_ORDER_PASSES = 5
 SECOND_ORDER_PASSES = 8
+LABEL_PASSES = 12
+MOST_GAINS = 20_000_000  # gains of a diagram: with its tables, some 200 MB
+NARROW, WIDE = 4, 48  # labels a camera
+GAIN_S = 1.5e-6  # seconds for each
+KICK_SHARE = 0.05  # of the time left, for rearranging the first placement
+PATH_SHARE = 0.03  # and for polishing a path
 WORTH_IT = 0.8  # go on while a pass leaves fewer than this share of the arcs
 # with persistent errors: shares, and multiples of the background
 PERSISTENT_SHARES = (1.0, 0.98, 0.95, 0.9, 0.8, 0.6, 0.4)
@@ -94,6 +105,7 @@ class Proof:
         self.inner = Run(run.rng, deadline=run.deadline - LEAVE_TIME_S)
         state, _, _ = climb(self.problem, run)
         polish(self.problem, run, state)
+        self._rearrange(state)
         self.stats["bounds"] = {}
         self._offer(np.array(state.selected, dtype=np.int64))
         self._bounded("greedy", np.inf if run.score_bound is None else run.score_bound)
@@ -105,7 +117,21 @@ class Proof:
         line = self._first_order(line, SHARES if self.white else PERSISTENT_SHARES)
         if self._closed() or self.problem.constraints.budget < 2:
             return True
+        line = self._diagrams(line)
+        if self._closed():
+            return True
         return self._second_order(line)
+
+    def _rearrange(self, state: State) -> None:
+        """Move cameras of one stretch together, for a share of the time (see `solvers.search`)."""
+        place = number_places(self.problem)
+        if place is not None:
+            Kicks(self.problem, self._for_a_share(KICK_SHARE), state, place).work()
+
+    def _for_a_share(self, share: float) -> Run:
+        """Return a run of its own for a share of the time left."""
+        limit = time.monotonic() + share * min(self.inner.remaining(), 1e3)
+        return Run(self.run.rng, min(limit, self.inner.deadline), self.run.progress)
 
     def _relax(self) -> Line | None:
         """Bound by the concave relaxation; return who is left, None where chains cannot go."""
@@ -169,6 +195,28 @@ class Proof:
         self.stats["share"] = share
         return line
 
+    def _diagrams(self, line: Line) -> Line:
+        """Bound by gains given all that came before, and thin out the line."""
+        share = float(self.stats.get("share", 1.0))
+        shares = sorted({share, (share + 1.0) / 2})
+        stuck = 0
+        for number in range(LABEL_PASSES):
+            before = int(line.alive.sum())
+            most = min(MOST_GAINS, 0.25 * self.inner.remaining() / GAIN_S)
+            width = min(WIDE, int(most / max(before, 1)) - 1)
+            if width < NARROW or stuck == len(shares):
+                break
+            share = shares[number % len(shares)]
+            diagram = Diagram(self._tempered(line, share), width)
+            self._bounded(f"tempered diagram, share {share:g}", diagram.bound())
+            self._try_path(diagram.path())
+            line = diagram.survivors(self.score)
+            self._left(line)
+            if self._closed() or line.candidate.size == 0:
+                break
+            stuck = stuck + 1 if line.alive.sum() > WORTH_IT * before else 0
+        return line
+
     def _second_order(self, line: Line) -> bool:
         """Bound by second-order chains over what is left, then search it."""
         low = high = float(self.stats.get("share", 1.0))
@@ -201,12 +249,14 @@ class Proof:
         candidates = []
         for other in sorted({share, 1.0, high}):
             second = SecondOrder(self._tempered(line, other), self.score)
-            candidates.append((second.bound(), other, second))
-        _, share, second = min(candidates, key=lambda entry: entry[:2])
+            diagram = Diagram(second.first, WIDE, second)
+            self._bounded(f"tempered diagram, second order, share {other:g}", diagram.bound())
+            candidates.append((diagram.bound(), other, diagram))
+        _, share, diagram = min(candidates, key=lambda entry: entry[:2])
         self.stats["search_share"] = share
         self.run.progress("searching what is left", None)
         return search(
-            second,
+            diagram,
             self.problem.constraints,
             self.inner,
             lambda: self.score,
@@ -254,14 +304,31 @@ class Proof:
         self.stats["arcs_left"] = int(line.alive.sum())
 
     def _try_path(self, path: IntArray) -> None:
-        """Polish the placement that a path is, if it is one, and keep it if it is better."""
-        if self.problem.constraints.violations(path) or self.inner.out_of_time():
+        """Polish the placement nearest to a path, if there is one, and keep it if it is better."""
+        if self.inner.out_of_time():
             return
-        kept = self.run.incumbent
+        path = self._mended(path)
+        if self.problem.constraints.violations(path):
+            return
         state = self.objective.state(np.sort(path))
-        polish(self.problem, self.inner, state)
-        self.run.incumbent = kept
+        polish(self.problem, self._for_a_share(PATH_SHARE), state)
         self._offer(np.array(state.selected, dtype=np.int64))
+
+    def _mended(self, path: IntArray) -> IntArray:
+        """Return a path without all but the first camera of each group, filled up greedily."""
+        constraints = self.problem.constraints
+        group = constraints.group[path]
+        _, first = np.unique(group, return_index=True)
+        kept = np.union1d(path[first], path[group < 0])
+        if kept.size == path.size:
+            return path
+        state = self.objective.state(kept)
+        while len(state.selected) < constraints.budget and not self.inner.out_of_time():
+            added = best_addition(self.problem, state)
+            if added is None:
+                break
+            state.add(added)
+        return np.array(state.selected, dtype=np.int64)
 
     def _offer(self, selected: IntArray) -> None:
         """Keep `selected` if it is a placement and better than the incumbent."""

@@ -280,6 +280,11 @@ class SecondOrder:
         more = float(np.max(self.F + self.ends[self.arcs.target], initial=-np.inf))
         return float(self.first.as_bound(np.array([max(few, one, more)]))[0])
 
+    def after(self, further: int, arcs: IntArray) -> FloatArray:
+        """Return what at most `further` cameras can add behind each of `arcs` (m,)."""
+        found: FloatArray = self.B[further][arcs]
+        return found
+
     def path(self) -> IntArray:
         """Return the candidates of a best path."""
         found = paths.trace_arcs(self.arcs, self.gains, self.F, self.ends)

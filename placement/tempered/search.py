@@ -1,8 +1,9 @@
-"""Best-first search over partial placements, bounded by the second order of the tempered chain.
+"""Best-first search over partial placements, bounded by the tempered chain.
 
 A node is a path i_1 < … < i_l with its exact g (see `placement.tempered.bound`), and what the
-second order lets it still gain after its last two cameras. The open node of greatest total bounds
-every placement that is left, at any time; when none beats the incumbent, that is the best.
+second order or the diagram lets it still gain after its last two cameras. The open node of greatest
+total bounds every placement that is left, at any time; when none beats the incumbent, that is the
+best.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from models.geometry import FloatArray, IntArray
 from placement.constraints import Constraints
 from placement.problem import Run
 from placement.tempered.bound import SecondOrder
+from placement.tempered.diagram import Diagram
 from placement.tempered.gains import GAIN_ABSOLUTE, GAIN_RELATIVE, set_gains
 
 MOST_OPEN = 2_000_000  # nodes; beyond, memory would be the next limit
@@ -23,7 +25,7 @@ MOST_EXPANDED = 500_000  # nodes, some minutes: the last per mille may take for 
 
 
 def search(
-    second: SecondOrder,
+    second: SecondOrder | Diagram,
     constraints: Constraints,
     run: Run,
     beat: Callable[[], float],
@@ -41,7 +43,7 @@ def search(
     offer(np.empty(0, dtype=np.int64))
     for i in np.flatnonzero(np.isfinite(first.alone + second.ends)):
         offer(line.candidate[[i]])
-    reach = second.start + second.B[budget - 2]
+    reach = second.start + second.after(budget - 2, np.arange(len(arcs.source)))
     order = np.flatnonzero(reach >= first.threshold(beat()))
     heap: list[tuple[float, tuple[int, ...], int]] = [
         (-float(reach[a]), (int(arcs.source[a]), int(arcs.target[a])), int(a)) for a in order
@@ -70,7 +72,9 @@ def search(
         groups = line.group[list(path)]
         free = ~np.isin(line.group[targets], groups[groups >= 0])
         held = np.array(path, dtype=np.int64)
-        total = gains_beyond(second, held, targets) + second.B[budget - len(path) - 1][following]
+        total = gains_beyond(second, held, targets) + second.after(
+            budget - len(path) - 1, following
+        )
         total = np.minimum(total, -negative)
         for m in np.flatnonzero(free & (total >= first.threshold(beat()))):
             heapq.heappush(heap, (-float(total[m]), (*path, int(targets[m])), int(following[m])))
@@ -78,7 +82,7 @@ def search(
     return True
 
 
-def gains_beyond(second: SecondOrder, held: IntArray, targets: IntArray) -> FloatArray:
+def gains_beyond(second: SecondOrder | Diagram, held: IntArray, targets: IntArray) -> FloatArray:
     """Return g of the positions `held` together with each of `targets` (m,), rounded up."""
     found = np.zeros(targets.size)
     for d in second.first.drives:

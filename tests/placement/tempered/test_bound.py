@@ -21,6 +21,7 @@ from placement.solution import Status
 from placement.solve import solve
 from placement.tempered.background import background_of, stand_in
 from placement.tempered.bound import SecondOrder, Tempered, make_line
+from placement.tempered.diagram import Diagram
 from placement.tempered.search import gains_beyond, search
 
 SHARES = (1.0, 0.7, 0.3, 0.02)
@@ -95,6 +96,21 @@ def hold_bounds_against_brute_force(seed: int, offsets: int = 0) -> None:
             assert max(second.bound(), beat) >= best * (1.0 - 1e-9)
             assert second.bound() <= first.bound() * (1.0 + 1e-5) + 1e-4
             assert set(placement) <= set(second.survivors(beat).candidate)
+            hold_diagrams(first, second, best, placement, int(rng.integers(1, 5)))
+
+
+def hold_diagrams(
+    first: Tempered, second: SecondOrder, best: float, placement: tuple[int, ...], width: int
+) -> None:
+    """Hold diagrams over all arcs, and over those that the first order leaves, against the best."""
+    beat = best * (1.0 - 1e-9)
+    whole = Diagram(first, width)
+    assert whole.bound() >= best - 1e-12
+    assert whole.bound() <= first.bound() * (1.0 + 1e-6) + 1e-6
+    assert set(placement) <= set(whole.survivors(beat).candidate)
+    for capped in (Diagram(second.first, width, second), Diagram(second.first, width)):
+        assert max(capped.bound(), beat) >= best * (1.0 - 1e-9)
+        assert set(placement) <= set(capped.survivors(beat).candidate)
 
 
 @pytest.mark.parametrize("block", range(2))
@@ -139,8 +155,9 @@ def test_search_finds_the_best_placement_and_its_bounds_hold_on_the_way() -> Non
                 if not constraints.violations(chosen):
                     found[0] = max(found[0], objective.value(np.sort(chosen)))
 
+            chain = SecondOrder(first, found[0])
             finished = search(
-                SecondOrder(first, found[0]),
+                Diagram(first, 2, chain) if seed % 2 else chain,
                 constraints,
                 new_run(),
                 lambda found=found: found[0],

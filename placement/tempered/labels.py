@@ -1,0 +1,236 @@
+"""Gains given a camera and all that came before it, which labels stand for.
+
+A label of camera j is a covariance U at j's first sample that is above, in the Loewner order, what
+any path that it stands for leaves there. So the gain of k given j and the whole of such a path is
+at most its gain given j for a car that comes with U: measurements of the path after that sample
+are left out of the condition, and conditioning on less, or on a car that knows less, only raises a
+gain. Labels are passed on from camera to camera in the order of the line, and where the labels of
+several paths meet they are replaced by one above them all (`above`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from placement.diagram.order import below, jacobi
+from placement.objectives.windows.filter import put6, row6
+from placement.tempered.crossings import cross, run_through, work_space, worth
+from placement.tempered.gains import ahead_of, rounded_up, set_covariance
+from placement.tempered.process import predict_ahead, prior_at
+
+ROUNDING = 1e-11  # what `above` adds for its own rounding
+FARTHEST = 1e6  # ratio of variances beyond which the sum of both does
+EMPTY = -1.0  # in place of a variance: nothing has been passed on to the label
+
+
+@njit(cache=True)
+def above(a, b, m, v):  # type: ignore[no-untyped-def]
+    """Return a covariance (6,) above both A and B: L max(1, D) Lᵀ where A = LLᵀ, B = L D Lᵀ.
+
+    It is a minimal upper bound. A + B is returned where A is singular or B far larger. `m`, `v`
+    (3, 3) are scratch.
+    """
+    both = (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5])
+    if a[0] <= 0.0:
+        return both
+    l00 = np.sqrt(a[0])
+    l10, l20 = a[1] / l00, a[2] / l00
+    rest = a[3] - l10 * l10
+    if rest <= 1e-12 * a[3]:
+        return both
+    l11 = np.sqrt(rest)
+    l21 = (a[4] - l20 * l10) / l11
+    rest = a[5] - l20 * l20 - l21 * l21
+    if rest <= 1e-12 * a[5]:
+        return both
+    l22 = np.sqrt(rest)
+    m[0, 0], m[0, 1], m[0, 2] = b[0], b[1], b[2]
+    m[1, 0], m[1, 1], m[1, 2] = b[1], b[3], b[4]
+    m[2, 0], m[2, 1], m[2, 2] = b[2], b[4], b[5]
+    for i in range(3):
+        m[0, i] /= l00
+        m[1, i] = (m[1, i] - l10 * m[0, i]) / l11
+        m[2, i] = (m[2, i] - l20 * m[0, i] - l21 * m[1, i]) / l22
+    for i in range(3):
+        m[i, 0] /= l00
+        m[i, 1] = (m[i, 1] - l10 * m[i, 0]) / l11
+        m[i, 2] = (m[i, 2] - l20 * m[i, 0] - l21 * m[i, 1]) / l22
+    if not m[0, 0] + m[1, 1] + m[2, 2] < FARTHEST:
+        return both
+    for i in range(3):
+        for j in range(i):
+            m[i, j] = m[j, i] = 0.5 * (m[i, j] + m[j, i])
+    largest = 1.0 + m[0, 0] + m[1, 1] + m[2, 2]
+    jacobi(m, v)
+    o0, o1, o2, o3, o4, o5 = a[0], a[1], a[2], a[3], a[4], a[5]
+    for k in range(3):
+        if m[k, k] > 1.0:
+            x = l00 * v[0, k]
+            y = l10 * v[0, k] + l11 * v[1, k]
+            z = l20 * v[0, k] + l21 * v[1, k] + l22 * v[2, k]
+            w = m[k, k] - 1.0
+            o0 += w * x * x
+            o1 += w * x * y
+            o2 += w * x * z
+            o3 += w * y * y
+            o4 += w * y * z
+            o5 += w * z * z
+    # eigenvalues are off by some ulp of the largest, and what is added is a multiple of A
+    f = ROUNDING * largest
+    return (
+        o0 + f * a[0],
+        o1 + f * a[1],
+        o2 + f * a[2],
+        o3 + f * a[3],
+        o4 + f * a[4],
+        o5 + f * a[5],
+    )
+
+
+@njit(cache=True)
+def pass_on(labels, at, p, m, v):  # type: ignore[no-untyped-def]
+    """Let label `at` of `labels` (s, 6) stand for covariance `p` (6,), too."""
+    if labels[at, 0] == EMPTY:
+        put6(labels, at, p)
+        return
+    kept = row6(labels, at)
+    if below(p, kept, 1.0):
+        return
+    put6(labels, at, p if below(kept, p, 1.0) else above(kept, p, m, v))
+
+
+@njit(cache=True)
+def car_at(process, t, by, first, last, early, entry, early_at):  # type: ignore[no-untyped-def]
+    """Return the covariance (6,) at sample t, before its measurements, of a car with camera j.
+
+    `by` (samples, 6) holds it after each sample from `first` on, `entry` before j's first, `early`
+    at sample `early_at` before that; still earlier nobody is known to have looked.
+    """
+    if t > last:
+        return row6(by, t)
+    if t > first:
+        return ahead_of(process, row6(by, t - 1), t)
+    if t == first:
+        return entry
+    if t < early_at:
+        return prior_at(process, t)
+    p = early
+    for s in range(early_at + 1, t + 1):
+        p = ahead_of(process, p, s)
+    return p
+
+
+@njit(cache=True)
+def pass_labels(  # type: ignore[no-untyped-def]
+    process,
+    cameras,
+    rows,
+    whole,
+    alone,
+    weight,
+    out_of,
+    target,
+    enters,
+    state_of,
+    gain_at,
+    early_at,
+    nodes,
+    entry,
+    early,
+    gains,
+):
+    """Add `weight` times the gains of each camera's followers to `gains`, for j in `nodes`.
+
+    Arcs are sorted by source: those out of j are `out_of[j]:out_of[j + 1]`, with their `target` and
+    the label of the target that they pass on to, `enters`. The labels of j are the rows
+    `state_of[j]:state_of[j + 1]` of `entry` and `early` (s, 6), at j's first sample and at
+    `early_at[j]`, the first of any that may follow; the first of them stands for a path that
+    begins with j. The gains of arc e, a label each, begin at `gain_at[e]`. `rows`, `whole`,
+    `alone`: as for pairs. Labels that nothing was passed on to have gains of −∞.
+    """
+    first, last = cameras.first, cameras.last
+    samples = process.prior.shape[0]
+    most = 1
+    for j in nodes:
+        most = max(most, state_of[j + 1] - state_of[j])
+    by = np.empty((most, samples, 6))
+    for j in nodes:
+        begin, end = out_of[j], out_of[j + 1]
+        if begin == end:
+            continue
+        low, n_labels = state_of[j], state_of[j + 1] - state_of[j]
+        if last[j] >= 0:
+            put6(entry, low, prior_at(process, first[j]))
+            put6(early, low, prior_at(process, early_at[j]))
+            farthest = last[j]
+            for m in range(begin, end):
+                farthest = max(farthest, first[target[m]])
+            _run_labels(j, process, cameras, entry, low, n_labels, farthest, by)
+        for m in range(begin, end):
+            _gains_of_arc(
+                j, m, process, cameras, rows, whole, alone, weight, target, enters, state_of,
+                gain_at, early_at, entry, early, by, gains,
+            )  # fmt: skip
+
+
+@njit(cache=True)
+def _run_labels(j, process, cameras, entry, low, n_labels, farthest, by):  # type: ignore[no-untyped-def]
+    p = cameras.offsets.shape[2]
+    space, none = work_space(1, p), np.empty((3 + p, 0))
+    one = np.array([j])
+    first, last = cameras.first[j], cameras.last[j]
+    for c in range(n_labels):
+        if entry[low + c, 0] == EMPTY:
+            continue
+        set_covariance(space[0], row6(entry, low + c))
+        run_through(process, cameras, one, first, last, space, none, by[c])
+        predict_ahead(process, row6(by[c], last), last, farthest, by[c])
+
+
+@njit(cache=True)
+def _gains_of_arc(  # type: ignore[no-untyped-def]
+    j, e, process, cameras, rows, whole, alone, weight, target, enters, state_of,
+    gain_at, early_at, entry, early, by, gains,
+):  # fmt: skip
+    first, last = cameras.first, cameras.last
+    k = target[e]
+    low, n_labels = state_of[j], state_of[j + 1] - state_of[j]
+    into = state_of[k] + enters[e]
+    row = np.empty(22)
+    mm, vv = np.empty((3, 3)), np.empty((3, 3))
+    meets = last[j] >= 0 and last[k] >= 0 and whole[k] and first[k] <= last[j]
+    s = min(first[j], first[k])
+    if meets:
+        two = np.array([j, k])
+        space = work_space(2, cameras.offsets.shape[2])
+        cross(process, cameras, two, s, max(last[j], last[k]), space, row)
+    for c in range(n_labels):
+        at = gain_at[e] + c
+        if entry[low + c, 0] == EMPTY and last[j] >= 0:
+            gains[at] = -np.inf
+            continue
+        gain = alone[k]
+        if last[j] < 0:
+            if last[k] >= 0:
+                pass_on(entry, into, prior_at(process, first[k]), mm, vv)
+                pass_on(early, into, prior_at(process, early_at[k]), mm, vv)
+        elif last[k] < 0:
+            gain = 0.0
+        else:
+            e_j, e_0 = row6(entry, low + c), row6(early, low + c)
+            at_k = car_at(process, first[k], by[c], first[j], last[j], e_0, e_j, early_at[j])
+            at_0 = car_at(process, early_at[k], by[c], first[j], last[j], e_0, e_j, early_at[j])
+            pass_on(entry, into, at_k, mm, vv)
+            pass_on(early, into, at_0, mm, vv)
+            if whole[k]:
+                if meets:
+                    p_j = e_j if s == first[j] else at_k
+                    gain = worth(p_j, row)
+                    for t in range(s + 1, first[j] + 1):
+                        p_j = ahead_of(process, p_j, t)
+                    gain -= worth(p_j, rows[j])
+                else:
+                    gain = worth(at_k, rows[k])
+                gain = min(gain, alone[k])
+        gains[at] = rounded_up(np.float64(gains[at]) + weight * max(gain, 0.0))
