@@ -215,7 +215,7 @@ def _drive_checks(table: list[dict[str, str]], scene: Scene, eyes: Sequence[Eye]
 def _standing(scene: Scene, eyes: Sequence[Eye]) -> tuple[FloatArray, FloatArray]:
     """Return the covariance (t, 2, 2) of a car that stands, and how many cameras see it."""
     information, seeing = information_nearby(scene, eyes)
-    return np.linalg.inv(information), seeing.astype(np.float64)
+    return np.linalg.inv(information).astype(np.float64), seeing.astype(np.float64)
 
 
 def _driving(scene: Scene, eyes: Sequence[Eye]) -> tuple[FloatArray, FloatArray]:

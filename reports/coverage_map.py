@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.collections import PolyCollection
@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from placement.output import cameras_seeing
 from placement.prediction import predict
+from reports.streets import buildings_near
 from reports.style import BLACK, GREY, VERMILION, saved, style
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 _MOST_DRIVES = 60  # drawn; the others lie on the same streets
 _LEAST_SIGMA_M = 1e-4
 _MARGIN_M = 30.0
+_MANY = 300  # cameras: the picture is then of a city
 
 
 def draw(result: Result) -> dict[str, Content]:
@@ -36,41 +38,36 @@ def draw(result: Result) -> dict[str, Content]:
             seen.append(cameras_seeing(journey.information, selected) > 0)
         places, errors, covered = np.vstack(xy), np.concatenate(sigma), np.concatenate(seen)
         low, high = places.min(axis=0) - _MARGIN_M, places.max(axis=0) + _MARGIN_M
-        near = [
-            ring
-            for ring in scene.obstacles.rings
-            if np.all(ring.max(axis=0) > low) and np.all(ring.min(axis=0) < high)
-        ]
-        axes.add_collection(PolyCollection(near, facecolors=GREY, alpha=0.35, linewidths=0))
-        norm = LogNorm(float(errors.min()), float(max(errors.max(), 1.01 * errors.min())))
+        axes.add_collection(
+            PolyCollection(
+                buildings_near(result, _MARGIN_M), facecolors=GREY, alpha=0.35, linewidths=0,
+                rasterized=True,
+            )
+        )  # fmt: skip
+        # From afar what is not seen must not hide the little that is.
+        far = len(selected) > _MANY
+        last = covered if far else np.ones(len(places), dtype=np.bool_)
+        least, most = float(errors[last].min()), float(errors[last].max())
+        norm = LogNorm(least, max(most, 1.01 * least))
+        dots: dict[str, Any] = {"color": BLACK, "markersize": 1.2, "zorder": 2.5}
+        if far:
+            dots = {"color": GREY, "markersize": 1.0, "zorder": 1.5, "markeredgewidth": 0.0}
+        axes.plot(*places[~covered].T, ".", rasterized=True, label="seen by no camera", **dots)
         drawn = axes.scatter(
-            places[:, 0],
-            places[:, 1],
-            c=errors,
-            norm=norm,
-            s=3.0,
-            cmap="viridis",
-            rasterized=True,
-            linewidths=0,
-        )
-        axes.plot(
-            *places[~covered].T,
-            ".",
-            color=BLACK,
-            markersize=1.2,
-            rasterized=True,
-            label="seen by no camera",
-        )
+            places[last, 0], places[last, 1], c=errors[last], norm=norm, s=3.0, cmap="viridis",
+            rasterized=True, linewidths=0, zorder=2.0,
+        )  # fmt: skip
         figure.colorbar(drawn, ax=axes, label="predicted rms position error (m)", shrink=0.7)
         chosen = np.array(sorted(selected), dtype=np.int64)
         cameras = scene.candidates.cameras.subset(chosen)
-        axes.plot(cameras.x_m, cameras.y_m, "^", color=VERMILION, markersize=4, label="camera")
+        size = 1.2 if far else 4
+        axes.plot(cameras.x_m, cameras.y_m, "^", color=VERMILION, markersize=size, label="camera")
         axes.set_xlim(low[0], high[0])
         axes.set_ylim(low[1], high[1])
         axes.set_aspect("equal", adjustable="box")
         axes.set_xlabel("east x (m)")
         axes.set_ylabel("north y (m)")
-        axes.legend(loc="best")
+        axes.legend(loc="best", markerscale=4.0 if far else 1.0)
         axes.set_title(
             f"{100.0 * float(np.mean(covered)):.1f} % of the samples are seen by a camera"
             + ("" if len(scene.journeys) <= _MOST_DRIVES else f" (first {_MOST_DRIVES} drives)")

@@ -10,11 +10,11 @@ import pandas as pd
 
 from models.files.geojson_out import area_feature, collection, feature
 from models.files.sumo_out import Shape, additional_file
-from models.footprints import footprint_polygon
-from models.shadows import Piece, Shadows
+from models.shadows import Piece
 from placement.output import cameras_table, to_csv
 from placement.roadway import file_network, georeference_of
 from reports.coverage_map import draw
+from reports.streets import visible_ground
 
 if TYPE_CHECKING:
     from placement.atomic import Content
@@ -29,7 +29,7 @@ def write(result: Result) -> dict[str, Content]:
     With a road from SUMO also `cameras.add.xml`, which its own programs load beside the network.
     """
     table = cameras_table(result.scene, result.solution)
-    grounds = _footprints(result)
+    grounds = visible_ground(result)
     files: dict[str, Content] = {
         "cameras.geojson": json.dumps(_as_geojson(result, table, grounds)) + "\n",
         "bill_of_materials.csv": to_csv(bill_of_materials(result)),
@@ -84,19 +84,6 @@ def _item(item: str, kind: str, quantity: int, unit: float) -> dict[str, Any]:
         "unit_cost": unit,
         "cost": quantity * unit,
     }
-
-
-def _footprints(result: Result) -> list[list[Piece]]:
-    """Return what each camera sees of the ground past the buildings, none or more pieces."""
-    scene = result.scene
-    chosen = np.array(sorted(result.solution.selected), dtype=np.int64)
-    cameras = scene.candidates.cameras.subset(chosen)
-    reach, shadows = scene.instance.camera.max_range_m, Shadows(scene.obstacles)
-    places = np.column_stack([cameras.x_m, cameras.y_m])
-    return [
-        shadows.visible(footprint_polygon(cameras, i, reach), places[i], float(cameras.height_m[i]))
-        for i in range(len(chosen))
-    ]
 
 
 def _as_geojson(result: Result, table: pd.DataFrame, grounds: list[list[Piece]]) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from models.footprints import footprint_polygon
 from placement.roadway import network_of
+from reports.streets import jumps
 from reports.style import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION, saved, style
 
 if TYPE_CHECKING:
@@ -19,12 +20,15 @@ if TYPE_CHECKING:
 
 # A footprint may reach the horizon; the picture cuts it where the car is no longer placed well.
 DRAWN_RANGE_M = 60.0
-_EDGE_STEP_M = 0.1
 _MARGIN_M = 100.0  # buildings are drawn this far beyond the road
 
 
 def draw(result: Result) -> dict[str, Content]:
     """Draw the map and the error profile of `result`: `map.png` and `map.svg`."""
+    if not result.scene.journeys[0].drivable:
+        from reports.streets_map import draw_streets
+
+        return draw_streets(result)
     with style():
         figure = Figure(figsize=(8.0, 9.0))
         upper, lower = figure.subplots(2, 1, height_ratios=(2.2, 1.0))
@@ -40,11 +44,11 @@ def draw_map(axes: Axes, result: Result) -> None:
     left, right = scene.road.half_widths(points.s_m)
     normal = np.column_stack((-np.sin(points.heading_rad), np.cos(points.heading_rad)))
     edges = (points.xy + left[:, None] * normal, points.xy - right[:, None] * normal)
-    jumps = np.hypot(*np.diff(points.xy, axis=0).T) > 2.0 * np.diff(points.s_m) + _EDGE_STEP_M
+    breaks = np.flatnonzero(jumps(points.xy, points.s_m)) + 1
     for edge in edges:
         ring = np.vstack((edge, edge[:1])) if scene.road.closed else edge
         # All streets of a network are one road, which jumps: no line from one to the next.
-        ring = np.insert(ring, np.flatnonzero(jumps) + 1, np.nan, axis=0)
+        ring = np.insert(ring, breaks, np.nan, axis=0)
         axes.plot(ring[:, 0], ring[:, 1], color=BLACK, linewidth=0.6)
     if len(scene.journeys) > 1:
         for n, journey in enumerate(scene.journeys):

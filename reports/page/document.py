@@ -10,6 +10,8 @@ from typing import Any
 
 import pandas as pd
 
+from placement.solution import Solution
+
 
 def document(title: str, sections: Sequence[str], *, scripts: Sequence[str] = ()) -> str:
     """Return a page of `sections` (HTML) under `title` (text), with our style and script inside."""
@@ -50,6 +52,21 @@ def embedded(identifier: str, content: Any) -> str:
     """Return `content` as JSON inside the page, where a script finds it by its id."""
     text = json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     return f'<script type="application/json" id="{html.escape(identifier)}">{text}</script>'
+
+
+def certificate(solution: Solution) -> str:
+    """Return, as HTML, what was found, by what, and how much better anything can be at most."""
+    unit = solution.unit.replace("^2", "²")
+    text = (
+        f"{html.escape(solution.objective)} {solution.value:.6g} {unit}, by "
+        f"<code>{html.escape(solution.method)}</code> in {solution.seconds:.1f} s "
+        f"({solution.status.replace('_', ' ')}). "
+    )
+    if solution.bound is None:
+        return text + "This method proves no bound."
+    side = "more" if solution.maximise else "less"
+    text += f"No placement reaches {side} than {solution.bound:.6g} {unit}"
+    return text + ("." if solution.gap is None else f": the gap is {100 * solution.gap:.3g} %.")
 
 
 def _cell(value: Any) -> str:

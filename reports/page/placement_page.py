@@ -10,7 +10,7 @@ import pandas as pd
 
 from models.geometry import FloatArray
 from placement.output import cameras_table
-from reports.page.document import document, embedded, table
+from reports.page.document import certificate, document, embedded, table
 from reports.page.view import View, view_of
 
 if TYPE_CHECKING:
@@ -19,7 +19,14 @@ if TYPE_CHECKING:
 
 
 def write(result: Result) -> dict[str, Content]:
-    """Write `index.html`: one file, no network, the figures by Bokeh."""
+    """Write `index.html`: one file that asks for nothing else, the figures by Bokeh.
+
+    Where the objective is about all streets of a network, it is `city_page`'s.
+    """
+    if not result.scene.journeys[0].drivable:
+        from reports.page.city_page import city_page
+
+        return {"index.html": city_page(result)}
     from bokeh.embed import components
     from bokeh.resources import Resources
 
@@ -35,7 +42,7 @@ def write(result: Result) -> dict[str, Content]:
     title = f"{scene.instance.name}: {count} camera{'' if count == 1 else 's'}"
     sections = [
         f"<h1>{html.escape(title)}</h1>",
-        f"<p>{_certificate(result)}</p>",
+        f"<p>{certificate(result.solution)}</p>",
         _controls(view),
         f'<figure aria-label="Map of the road and its cameras">{map_div}<figcaption>Drag to pan, '
         "wheel to zoom. Point at a camera, or at its row below, for the ground it sees within "
@@ -54,21 +61,6 @@ def write(result: Result) -> dict[str, Content]:
         ]
     sections += [embedded("steps", _steps(view)), f"<script>{script}</script>"]
     return {"index.html": document(f"{title} – placement", sections, scripts=library)}
-
-
-def _certificate(result: Result) -> str:
-    solution = result.solution
-    unit = solution.unit.replace("^2", "²")
-    text = (
-        f"{html.escape(solution.objective)} {solution.value:.6g} {unit}, by "
-        f"<code>{html.escape(solution.method)}</code> in {solution.seconds:.1f} s "
-        f"({solution.status.replace('_', ' ')}). "
-    )
-    if solution.bound is None:
-        return text + "This method proves no bound."
-    side = "more" if solution.maximise else "less"
-    text += f"No placement reaches {side} than {solution.bound:.6g} {unit}"
-    return text + ("." if solution.gap is None else f": the gap is {100 * solution.gap:.3g} %.")
 
 
 def _controls(view: View) -> str:
