@@ -159,7 +159,9 @@ def build_site(network: RoadNetwork, part: tuple[int, int], spacing_m: float) ->
     share = (lengths / lengths[-1] * n).astype(np.int64).clip(0, n - 1)
     order = [e for e, s in zip(order, share.tolist(), strict=True) if s == i]
     samples = network.sample(1.0, order)
-    mounts = network_mounts(network, order, MountsSection(spacing_m=spacing_m), CameraSection())
+    mounts = network_mounts(
+        network, order, MountsSection(spacing_m=spacing_m, sides=("right",)), CameraSection()
+    )
     return Site(mounts, samples.points, network.obstacles, ErrorModel("covariance"), RANGE_M)
 
 

@@ -37,7 +37,7 @@ from placement.atomic import prepare_folder, write_files
 from placement.city.cuts import bound_trajectories
 from placement.city.drives import CityDrives, city_drives
 from placement.city.information import Site
-from placement.city.mounts import network_mounts, network_order
+from placement.city.mounts import network_mounts, network_order, refuse_unknown
 from placement.city.navigate import TrajectoryProblem, greedy_trajectories, trajectory_problem
 from placement.city.solve import compute_city, open_store
 from placement.cluster import work_at
@@ -147,8 +147,11 @@ def city_instance(path: Path) -> Instance:
     budget = instance.budget.model_fields_set - {"cameras"}
     if budget:
         raise ValueError(f"budget must hold cameras alone, got {', '.join(sorted(budget))}")
-    if tuple(instance.mounts.sides) != ("right",) or "mounts.file" in instance.files:
-        raise ValueError('mounts.sides must be ["right"], and mounts.file be left out')
+    if instance.mounts.sides != ("right",):
+        raise ValueError(f'mounts.sides must be ["right"], got {list(instance.mounts.sides)}')
+    if instance.objective.weights is not None:
+        raise ValueError("objective.weights must be left out: only localisation weighs samples")
+    refuse_unknown(instance.mounts, instance.camera)
     return instance
 
 

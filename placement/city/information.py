@@ -70,6 +70,7 @@ def chunk_task(site: Site, around: Surroundings, number: int) -> ChunkTask:
         m.poses,
         m.size_px,
         m.projection,
+        m.distortion,
     )
     place, points, obstacles = around.near(part.x_m, part.y_m, site.max_range_m)
     return ChunkTask(first, part, points, place, obstacles, site.errors, site.max_range_m)

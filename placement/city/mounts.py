@@ -22,6 +22,8 @@ from placement.instance.schema import CameraSection, MountsSection
 from placement.network_mounts import count_tries, place_along
 
 _RIGHT = -1
+_ALONG = "mounts stand on the right of every carriageway"
+_ONE = "all mounts hold cameras of one kind"
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +33,7 @@ class NetworkMounts:
     x_m, y_m, heading_rad, s_m (m,): where each stands, the road's direction there, and arc length
     along all streets in a row.
     edge (m,): its carriageway. poses (p, 5): height [m], yaw (relative to the road) and pitch
-    [rad], fields of view [rad].
+    [rad], fields of view [rad]. All have one lens: projection and distortion (4,).
     """
 
     x_m: FloatArray
@@ -42,6 +44,7 @@ class NetworkMounts:
     poses: FloatArray
     size_px: tuple[int, int]
     projection: Projection
+    distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
 
     def __len__(self) -> int:
         """Return the number of mounts, m."""
@@ -68,7 +71,7 @@ class NetworkMounts:
             width_px=np.full(n, self.size_px[0]),
             height_px=np.full(n, self.size_px[1]),
             projection=np.full(n, int(self.projection)),
-            distortion=np.zeros((n, 4)),
+            distortion=np.tile(np.array(self.distortion), (n, 1)),
         )
 
 
@@ -87,8 +90,10 @@ def network_mounts(
     building.
 
     Raises:
-        ValueError: if more than 5e7 candidates or none would remain.
+        ValueError: if more than 5e7 candidates or none would remain, or for a key that would be
+            ignored.
     """
+    refuse_unknown(mounts, camera)
     menu = _menu(mounts, camera)
     tries = count_tries(network, mounts.spacing_m)
     where = f"{tries:,} places along {network.length_m / 1000.0:.0f} km of carriageways"
@@ -112,7 +117,25 @@ def network_mounts(
         poses=menu,
         size_px=camera.resolution_px,
         projection=Projection.parse(camera.projection),
+        distortion=camera.distortion,
     )
+
+
+def refuse_unknown(mounts: MountsSection, camera: CameraSection) -> None:
+    """Refuse what mounts along a network's streets, all with one menu, would ignore.
+
+    Raises:
+        ValueError: naming the key.
+    """
+    if mounts.file is not None:
+        raise ValueError(f"mounts.file must be left out: {_ALONG}, got {mounts.file}")
+    if "sides" in mounts.model_fields_set and mounts.sides != ("right",):
+        raise ValueError(f'mounts.sides must be ["right"]: {_ALONG}, got {list(mounts.sides)}')
+    if camera.catalogue is not None:
+        raise ValueError(f"camera.catalogue must be left out: {_ONE}, got {camera.catalogue}")
+    for key, price in (("mounts.cost", mounts.cost), ("camera.price", camera.price)):
+        if price:
+            raise ValueError(f"{key} must be 0: cameras are counted here, not paid, got {price:g}")
 
 
 def _menu(mounts: MountsSection, camera: CameraSection) -> FloatArray:

@@ -344,6 +344,11 @@ def open_store(folder: Path, site: Site, key: dict[str, Any]) -> ChunkStore:
             "errors": repr(site.errors),
             "max_range_m": site.max_range_m,
             "poses": site.mounts.poses.tolist(),
+            "lens": [
+                *site.mounts.size_px,
+                site.mounts.projection.name,
+                *site.mounts.distortion,
+            ],
         },
     )
 

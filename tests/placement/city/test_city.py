@@ -6,6 +6,7 @@ import itertools
 import warnings
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,8 +15,9 @@ from models.errors import ErrorModel
 from models.geometry import FloatArray, IntArray
 from models.network import Edge, Lane, RoadNetwork
 from models.obstacles import Obstacles
+from models.projections import Projection
 from placement.city.dominance import undominated
-from placement.city.information import Site
+from placement.city.information import Site, chunk_task
 from placement.city.mounts import network_mounts, network_order
 from placement.city.prices import certificate, price_region
 from placement.city.regions import region_tasks
@@ -35,6 +37,7 @@ from placement.cluster import Serial
 from placement.information import Information, compute_information
 from placement.information import chunks as chunks_module
 from placement.information.chunks import Chunk
+from placement.information.surroundings import Surroundings
 from placement.instance.schema import CameraSection, MountsSection
 from placement.objectives.localisation import Localisation
 
@@ -352,3 +355,41 @@ def test_too_many_candidates_are_refused_with_the_figure_and_what_to_change() ->
         pytest.raises(ValueError, match=r"50,000,000, got [\d,]+ .*raise mounts\.spacing_m"),
     ):
         network_mounts(network, order, MountsSection(spacing_m=0.001), camera)
+
+
+def test_a_lens_is_that_of_the_instance() -> None:
+    network = grid_network()
+    camera = CameraSection(projection="equidistant", distortion=(-0.02, 0.001, 0.0, 0.0))
+    mounts = network_mounts(network, network_order(network), MountsSection(spacing_m=40.0), camera)
+    cameras = mounts.cameras(np.arange(5))
+    np.testing.assert_array_equal(cameras.distortion, np.tile(camera.distortion, (5, 1)))
+    assert set(cameras.projection.tolist()) == {int(Projection.EQUIDISTANT)}
+    site = Site(mounts, network.sample(1.0).points, Obstacles(), ErrorModel(persistent=False), 40.0)
+    task = chunk_task(site, Surroundings(site.points, site.obstacles), 0)
+    assert task.mounts.distortion == camera.distortion
+
+
+def test_two_lenses_share_no_chunk(tmp_path: Path) -> None:
+    site = small_site()
+    bent = replace(site, mounts=replace(site.mounts, distortion=(0.01, 0.0, 0.0, 0.0)))
+    assert open_store(tmp_path, site, {}).key != open_store(tmp_path, bent, {}).key
+
+
+@pytest.mark.parametrize(
+    ("mounts", "camera", "key"),
+    [
+        ({"file": "poles.geojson"}, {}, "mounts.file"),
+        ({"sides": ["left", "right"]}, {}, "mounts.sides"),
+        ({"cost": 3.0}, {}, "mounts.cost"),
+        ({}, {"catalogue": "types.csv"}, "camera.catalogue"),
+        ({}, {"price": 2.0}, "camera.price"),
+    ],
+)
+def test_what_would_be_ignored_is_refused_by_name(
+    mounts: dict[str, Any], camera: dict[str, Any], key: str
+) -> None:
+    network = grid_network()
+    with pytest.raises(ValueError, match=rf"^{key} must be"):
+        network_mounts(
+            network, network_order(network), MountsSection(**mounts), CameraSection(**camera)
+        )
