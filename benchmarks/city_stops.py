@@ -1,9 +1,9 @@
-"""Stop a city and begin again: `python -m benchmarks.city_stops NETWORK --store DIR`.
+"""Stop a city and begin again: `python -m benchmarks.city_stops INSTANCE.toml --out DIR`.
 
-`benchmarks.city` runs once without a stop, and beside it into another store with three: killed
+`placement solve` runs once without a stop, and then into another folder with three: killed
 (SIGKILL) in the middle of information, interrupted (SIGINT) in the middle of what is left of it,
-killed during selection, and run to its end. After each, every chunk's file is looked at: one that
-was there must keep its bytes and its time, so that nothing is computed twice; and both runs must
+killed during selection, and run to its end. While they run, every chunk's file is looked at: one
+that was there must keep its bytes and its time, so that nothing is computed twice; and both must
 choose the same cameras.
 """
 
@@ -22,53 +22,59 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.documents import existing, fill, markdown
+from placement.commands import INFORMATION
 
 _PATIENCE_S = 0.05
-_SELECTING_S = 5.0  # after the last chunk: loaded, and choosing or proving
+_SELECTING_S = 20.0  # after the last chunk: joined, and choosing or proving
+_SAME = ("selected", "value", "upper_bound")
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run, stop, resume, compare; exit with 1 if anything differs."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
-    parser.add_argument("network", type=Path)
-    parser.add_argument("--store", type=Path, required=True, help="a folder for both stores")
-    parser.add_argument("--cameras", type=int, default=2000)
+    parser.add_argument("instance", type=existing)
+    parser.add_argument("--out", type=Path, required=True, help="a folder for both solutions")
     parser.add_argument("--document", type=existing, help="fill the table of this document")
     options = parser.parse_args(arguments)
-    rows, same = stops(options.network, options.store, options.cameras)
-    sys.stdout.write(markdown(list(rows[0]), [[str(v) for v in row.values()] for row in rows]))
-    sys.stdout.write(f"\nsame cameras, value and bound: {'yes' if same else 'NO'}\n")
+    rows, same = stops(options.instance, options.out)
+    cells = [[str(item) for item in row.values()] for row in rows]
+    table = markdown(list(rows[0]), cells)
+    sys.stdout.write(f"{table}\nsame cameras, value and bound: {'yes' if same else 'NO'}\n")
     if options.document is not None:
-        cells = [[str(item) for item in row.values()] for row in rows]
-        fill(options.document, {"city: stops": markdown(list(rows[0]), cells)})
+        fill(options.document, {"city: stops": table})
     if not same or any(row["written again"] for row in rows):
         sys.exit(1)
 
 
-def stops(network: Path, store: Path, cameras: int) -> tuple[list[dict[str, Any]], bool]:
+def stops(instance: Path, out: Path) -> tuple[list[dict[str, Any]], bool]:
     """Return one row a run, and whether the last one found what an unbroken one does."""
-    whole, broken = store / "whole", store / "broken"
+    whole, broken = out / "whole", out / "broken"
     for folder in (whole, broken):
         if folder.exists():
             shutil.rmtree(folder)
-    unbroken = _start(network, whole, cameras)
-    total = _total(whole, unbroken)
     rows: list[dict[str, Any]] = []
     kept: dict[str, tuple[int, int]] = {}
 
-    def step(name: str, stop: int | None, when: Callable[[int], bool]) -> None:
-        process = _start(network, broken, cameras)
+    def step(folder: Path, name: str, stop: int | None, when: Callable[[int], bool]) -> None:
+        process = _start(instance, folder)
+        now = dict(kept)
+        again: set[str] = set()
         while process.poll() is None:
-            if stop is not None and when(len(_chunks(broken))):
+            chunks = _chunks(folder)
+            again |= {chunk for chunk, state in chunks.items() if now.get(chunk, state) != state}
+            now |= chunks
+            if stop is not None and when(len(now)):
                 process.send_signal(stop)
                 process.wait()
+                now |= _chunks(folder)
             time.sleep(_PATIENCE_S)
-        now = _chunks(broken)
-        again = sum(now.get(chunk) != old for chunk, old in kept.items())
-        rows.append(_row(name, process.returncode, len(kept), len(now), again))
+        rows.append(_row(name, process.returncode, len(kept), len(now), len(again)))
         kept.clear()
         kept.update(now)
 
+    step(whole, "never stopped", None, lambda _n: False)
+    total = _total(whole)
+    kept.clear()
     complete: list[float] = []
 
     def selecting(chunks: int) -> bool:
@@ -76,14 +82,12 @@ def stops(network: Path, store: Path, cameras: int) -> tuple[list[dict[str, Any]
             complete.append(time.monotonic())
         return bool(complete) and time.monotonic() - complete[0] > _SELECTING_S
 
-    step("kill -9 in information", signal.SIGKILL, lambda n: n >= total // 3)
-    step("SIGINT in information", signal.SIGINT, lambda n: n >= 2 * total // 3)
-    step("kill -9 in selection", signal.SIGKILL, selecting)
-    step("to its end", None, lambda _n: False)
-    rows.insert(0, _row("never stopped", unbroken.wait(), 0, len(_chunks(whole)), 0))
-    one, other = (json.loads((f.with_suffix(".json")).read_text()) for f in (whole, broken))
-    same = all(one[key] == other[key] for key in ("selected sha256", "value", "bound"))
-    return rows, same and len(kept) == total
+    step(broken, "kill -9 in information", signal.SIGKILL, lambda n: n >= total // 3)
+    step(broken, "SIGINT in information", signal.SIGINT, lambda n: n >= 2 * total // 3)
+    step(broken, "kill -9 in selection", signal.SIGKILL, selecting)
+    step(broken, "to its end", None, lambda _n: False)
+    one, other = (json.loads((f / "solution.json").read_text()) for f in (whole, broken))
+    return rows, all(one[key] == other[key] for key in _SAME) and len(kept) == total
 
 
 def _row(name: str, code: int, found: int, now: int, again: int) -> dict[str, Any]:
@@ -97,12 +101,12 @@ def _row(name: str, code: int, found: int, now: int, again: int) -> dict[str, An
     }
 
 
-def _start(network: Path, folder: Path, cameras: int) -> subprocess.Popen[bytes]:
-    """Run the city; what it says goes to a log beside its store."""
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    command = [sys.executable, "-m", "benchmarks.city", str(network), "--store", str(folder)]
-    command += ["--cameras", str(cameras), "--json", str(folder.with_suffix(".json"))]
-    with folder.with_suffix(".log").open("w") as log:
+def _start(instance: Path, folder: Path) -> subprocess.Popen[bytes]:
+    """Solve; what is said goes to a log beside the folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    code = "from placement.cli import main; main()"
+    command = [sys.executable, "-c", code, "solve", str(instance), "--out", str(folder)]
+    with folder.with_suffix(".log").open("a") as log:
         return subprocess.Popen(command, stdout=log, stderr=log, preexec_fn=_hear)  # noqa: S603
 
 
@@ -111,21 +115,22 @@ def _hear() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def _total(folder: Path, process: subprocess.Popen[bytes]) -> int:
-    """Wait until a run says how many chunks there are."""
-    while process.poll() is None:
-        said = re.search(r"chunk \d+ of (\d+)", folder.with_suffix(".log").read_text())
-        if said:
-            return int(said[1])
-        time.sleep(_PATIENCE_S)
-    raise ValueError(f"{folder.with_suffix('.log')}: the city ended before it said its chunks")
+def _total(folder: Path) -> int:
+    """Return how many chunks there are, as a run said."""
+    said = re.search(r"chunk \d+ of (\d+)", folder.with_suffix(".log").read_text())
+    if said is None:
+        raise ValueError(f"{folder.with_suffix('.log')} must say how many chunks there are")
+    return int(said[1])
 
 
 def _chunks(folder: Path) -> dict[str, tuple[int, int]]:
     """Return time and size of every chunk whose record counts, by name."""
     found = {}
-    for record in folder.glob("*/chunk-*.json"):
-        status = record.with_suffix(".npz").stat()
+    for record in (folder / INFORMATION).glob("chunk-*.json"):
+        try:
+            status = record.with_suffix(".npz").stat()
+        except FileNotFoundError:  # the solution is written, and what was kept is going
+            continue
         found[record.name] = (status.st_mtime_ns, status.st_size)
     return found
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import pickle
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -79,6 +81,19 @@ def assert_same(found: Information, whole: Information) -> None:
             np.testing.assert_array_equal(mine, other)
 
 
+class Posted:
+    """Do tasks as a worker elsewhere would: last one first, each sent there and back."""
+
+    def run(self, function: Any, tasks: Any, name: str) -> Iterator[tuple[int, Any]]:
+        assert name == "information"
+        for i in reversed(range(len(tasks))):
+            there = pickle.loads(pickle.dumps(tasks[i]))  # noqa: S301 - our own
+            yield i, pickle.loads(pickle.dumps(function(there)))  # noqa: S301
+
+    def close(self) -> None:
+        """Hold nothing."""
+
+
 @pytest.mark.parametrize(
     "errors",
     [ErrorModel("covariance"), ErrorModel("covariance", persistent=False), ErrorModel("radius")],
@@ -92,7 +107,7 @@ def test_quarters_hold_bitwise_what_the_whole_does(
     )
     hidden = compute_information(cameras, points, errors, REACH_M)
     assert 0 < len(whole.indices) < len(hidden.indices)
-    for work in (None, Serial()):
+    for work in (None, Serial(), Posted()):
         for keep in (None, tmp_path / "kept"):
             found = quarter_information(
                 cameras, points, errors, REACH_M, obstacles=obstacles, frames_per_sample=0.5,
