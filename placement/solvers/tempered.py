@@ -197,8 +197,9 @@ class Proof:
 
     def _diagrams(self, line: Line) -> Line:
         """Bound by gains given all that came before, and thin out the line."""
-        share = float(self.stats.get("share", 1.0))
-        shares = sorted({share, (share + 1.0) / 2})
+        low = float(self.stats.get("share", 1.0))
+        shares = sorted({low, (low + 1.0) / 2})
+        known: dict[float, tuple[IntArray, float, FloatArray | None]] = {}
         stuck = 0
         for number in range(LABEL_PASSES):
             before = int(line.alive.sum())
@@ -207,7 +208,12 @@ class Proof:
             if width < NARROW or stuck == len(shares):
                 break
             share = shares[number % len(shares)]
-            diagram = Diagram(self._tempered(line, share), width)
+            seen, price, beyond = known.get(share, (line.candidate, -1.0, None))
+            if beyond is not None:
+                beyond = beyond[np.isin(seen, line.candidate)]
+            first = self._tempered(line, share)
+            diagram = Diagram(first, width, self.score, price=price, beyond=beyond)
+            known[share] = line.candidate, diagram.price, diagram.beyond
             self._bounded(f"tempered diagram, share {share:g}", diagram.bound())
             self._try_path(diagram.path())
             line = diagram.survivors(self.score)
@@ -249,7 +255,7 @@ class Proof:
         candidates = []
         for other in sorted({share, 1.0, high}):
             second = SecondOrder(self._tempered(line, other), self.score)
-            diagram = Diagram(second.first, WIDE, second)
+            diagram = Diagram(second.first, WIDE, self.score, second)
             self._bounded(f"tempered diagram, second order, share {other:g}", diagram.bound())
             candidates.append((diagram.bound(), other, diagram))
         _, share, diagram = min(candidates, key=lambda entry: entry[:2])

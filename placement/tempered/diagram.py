@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from models.geometry import BoolArray, FloatArray, IntArray
 from placement.tempered import paths
 from placement.tempered.bound import Line, SecondOrder, Tempered
-from placement.tempered.labels import EMPTY, pass_labels
+from placement.tempered.labels import EMPTY, Hope, Labels, pass_labels
 from placement.tempered.paths import Arcs
 
 NODES = 16  # cameras between two looks at the clock
@@ -33,12 +33,17 @@ NODES = 16  # cameras between two looks at the clock
 class Diagram:
     """The bound over the arcs of a line that are alive; `width` labels a camera, budget ≥ 2.
 
-    `second`, if given, is the second order over the same arcs, share and background.
+    What is part of no placement above `beat` is left out on the way. `second`, if given, is the
+    second order over the same arcs, share and background; `beyond` (n,) what an earlier diagram of
+    that share and background has found at `price`.
     """
 
     first: Tempered
     width: int
+    beat: float
     second: SecondOrder | None = None
+    price: float = -1.0
+    beyond: FloatArray | None = None
     arcs: Arcs = field(init=False)
     enters: IntArray = field(init=False)  # (m,) the label of its target that an arc leads to
     state_of: IntArray = field(init=False)  # (n + 1,) states of each camera
@@ -60,19 +65,19 @@ class Diagram:
         self.gain_at = np.concatenate([[0], np.cumsum(labels[source])]).astype(np.int64)
         self.gains = np.zeros(int(self.gain_at[-1]), dtype=np.float32)
         enters = self.enters[arcs.out]
+        hope = self._hope()
+        single = len(first.drives) == 1
         for d in first.drives:
             early_at = d.narrow.first.copy()
             np.minimum.at(early_at, source, d.narrow.first[target])
-            entry = np.full((int(self.state_of[-1]), 6), EMPTY)
-            early = entry.copy()
+            found = self._labels()
             for begin in range(0, n, NODES):
                 paths.stop_in_time(first.run)
                 pass_labels(
-                    d.process, d.narrow, d.rows, d.whole, d.alone, d.weight,
-                    arcs.out_of, target, enters, self.state_of, self.gain_at, early_at,
-                    np.arange(begin, min(begin + NODES, n)), entry, early, self.gains,
+                    d.process, d.narrow, d.rows, d.whole, d.alone, d.weight, single, first.pairs,
+                    arcs.out_of, target, enters, self.state_of, self.gain_at, early_at, hope,
+                    np.arange(begin, min(begin + NODES, n)), found, self.gains,
                 )  # fmt: skip
-        cap(source, target, self.gain_at, first.pairs, self.gains)
         if self.second is not None:
             cap_by_second(
                 arcs.into, arcs.out_of, arcs.triple, self.second.gains, self.enters, self.state_of,
@@ -81,6 +86,23 @@ class Diagram:
         self.ends = first.ends
         self.start = first.alone[arcs.source] + first.pairs[arcs.source, arcs.target]
         self._tables()
+
+    def _hope(self) -> Hope:
+        """Price a camera at what the last of the budget adds, and say what may lie beyond each."""
+        first = self.first
+        if self.beyond is None:
+            best = np.maximum.accumulate(np.max(first.F + first.ends, axis=1, initial=0.0))
+            self.price = float(best[-1] - best[-2]) if len(best) > 1 else 0.0
+            self.price = max(self.price, 0.0) if np.isfinite(self.price) else 0.0
+            self.beyond = priced_beyond(first.pairs, first.ends, self.price)
+        need = first.threshold(self.beat) - first.budget * self.price
+        return Hope(self.price, self.beyond, need)
+
+    def _labels(self) -> Labels:
+        states = int(self.state_of[-1])
+        so_far = np.full(states, -np.inf)
+        so_far[self.state_of[:-1]] = self.first.alone - self.price
+        return Labels(np.full((states, 6), EMPTY), np.full((states, 6), EMPTY), so_far)
 
     def _tables(self) -> None:
         first, arcs = self.first, self.arcs
@@ -93,6 +115,10 @@ class Diagram:
         place[arcs.out] = np.arange(len(arcs.out))
         gain_of = self.gain_at[place]
         target, enters = arcs.target[arcs.out], self.enters[arcs.out]
+        self.beyond = priced_beyond_states(
+            arcs.out_of, target, enters, self.state_of, self.gain_at, self.gains, self.ends,
+            self.price,
+        )  # fmt: skip
         for level in range(1, k):
             paths.stop_in_time(first.run)
             self.F[level] = step_forward(
@@ -173,13 +199,34 @@ def enter(into: IntArray, width: int) -> tuple[IntArray, IntArray]:
     return enters.astype(np.int64), (labels + 1).astype(np.int64)
 
 
-@njit(cache=True, parallel=True)
-def cap(source, target, gain_at, pairs, gains):  # type: ignore[no-untyped-def]
-    """Lower the gains of each arc to its gain given the source alone."""
-    for e in prange(source.size):
-        most = pairs[source[e], target[e]]
-        for at in range(gain_at[e], gain_at[e + 1]):
-            gains[at] = min(gains[at], most)
+@njit(cache=True)
+def priced_beyond(pairs, may_end, price):  # type: ignore[no-untyped-def]
+    """Return the most that paths on from each camera add (n,), each further camera at a price."""
+    n = may_end.size
+    found = may_end.copy()
+    for a in range(n - 2, -1, -1):
+        best = found[a]
+        for b in range(a + 1, n):
+            best = max(best, pairs[a, b] - price + found[b])
+        found[a] = best
+    return found
+
+
+@njit(cache=True)
+def priced_beyond_states(out_of, target, enters, state_of, gain_at, gains, may_end, price):  # type: ignore[no-untyped-def]
+    """Return the same by the gains of the diagram, the greatest over each camera's states (n,)."""
+    n = may_end.size
+    by_state, found = np.empty(state_of[-1]), may_end.copy()
+    for j in range(n - 1, -1, -1):
+        low, high = state_of[j], state_of[j + 1]
+        by_state[low:high] = may_end[j]
+        for e in range(out_of[j], out_of[j + 1]):
+            beyond = by_state[state_of[target[e]] + enters[e]] - price
+            for state in range(low, high):
+                value = gains[gain_at[e] + state - low] + beyond
+                by_state[state] = max(by_state[state], value)
+        found[j] = np.max(by_state[low:high])
+    return found
 
 
 @njit(cache=True, parallel=True)

@@ -5,23 +5,43 @@ any path that it stands for leaves there. So the gain of k given j and the whole
 at most its gain given j for a car that comes with U: measurements of the path after that sample
 are left out of the condition, and conditioning on less, or on a car that knows less, only raises a
 gain. Labels are passed on from camera to camera in the order of the line, and where the labels of
-several paths meet they are replaced by one above them all (`above`).
+several paths meet they are replaced by one above them all (`above`). Paths that cannot lead to
+anything worth having are not passed on, so that labels stand for the others only.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
+from models.geometry import FloatArray
 from placement.diagram.order import below, jacobi
 from placement.objectives.windows.filter import put6, row6
-from placement.tempered.crossings import cross, run_through, work_space, worth
+from placement.tempered.crossings import ROW, cross, run_through, work_space, worth
 from placement.tempered.gains import ahead_of, rounded_up, set_covariance
 from placement.tempered.process import predict_ahead, prior_at
 
 ROUNDING = 1e-11  # what `above` adds for its own rounding
 FARTHEST = 1e6  # ratio of variances beyond which the sum of both does
 EMPTY = -1.0  # in place of a variance: nothing has been passed on to the label
+
+
+class Labels(NamedTuple):
+    """All labels of all cameras: covariances (s, 6) as of `pass_labels`, and best paths (s,)."""
+
+    entry: FloatArray
+    early: FloatArray
+    so_far: FloatArray
+
+
+class Hope(NamedTuple):
+    """What each camera costs, what may come beyond it (n,), and what all must be worth."""
+
+    price: float
+    beyond: FloatArray
+    need: float
 
 
 @njit(cache=True)
@@ -129,25 +149,32 @@ def pass_labels(  # type: ignore[no-untyped-def]
     whole,
     alone,
     weight,
+    single,
+    pairs,
     out_of,
     target,
     enters,
     state_of,
     gain_at,
     early_at,
+    hope,
     nodes,
-    entry,
-    early,
+    labels,
     gains,
 ):
     """Add `weight` times the gains of each camera's followers to `gains`, for j in `nodes`.
 
     Arcs are sorted by source: those out of j are `out_of[j]:out_of[j + 1]`, with their `target` and
     the label of the target that they pass on to, `enters`. The labels of j are the rows
-    `state_of[j]:state_of[j + 1]` of `entry` and `early` (s, 6), at j's first sample and at
-    `early_at[j]`, the first of any that may follow; the first of them stands for a path that
-    begins with j. The gains of arc e, a label each, begin at `gain_at[e]`. `rows`, `whole`,
-    `alone`: as for pairs. Labels that nothing was passed on to have gains of −∞.
+    `state_of[j]:state_of[j + 1]` of `labels.entry` and `labels.early` (s, 6), at j's first sample
+    and at `early_at[j]`, the first of any that may follow; the first of them stands for the path
+    that begins with j. The gains of arc e, a label each, begin at `gain_at[e]`, and are no more
+    than `pairs` (n, n). `rows`, `whole`, `alone`: as for pairs.
+
+    `labels.so_far` (s,) is the best of any path into a label, each camera at a price: with `hope`
+    (price, beyond (n,), need), an arc on from it is left out, at −∞, where even with the best
+    `beyond` it falls short of `need`. Where there is a `single` drive the gains themselves count
+    towards it, else `pairs`.
     """
     first, last = cameras.first, cameras.last
     samples = process.prior.shape[0]
@@ -157,80 +184,93 @@ def pass_labels(  # type: ignore[no-untyped-def]
     by = np.empty((most, samples, 6))
     for j in nodes:
         begin, end = out_of[j], out_of[j + 1]
-        if begin == end:
-            continue
         low, n_labels = state_of[j], state_of[j + 1] - state_of[j]
+        if begin == end or np.max(labels.so_far[low : low + n_labels]) == -np.inf:
+            for m in range(begin, end):
+                gains[gain_at[m] : gain_at[m + 1]] = -np.inf
+            continue
         if last[j] >= 0:
-            put6(entry, low, prior_at(process, first[j]))
-            put6(early, low, prior_at(process, early_at[j]))
+            put6(labels.entry, low, prior_at(process, first[j]))
+            put6(labels.early, low, prior_at(process, early_at[j]))
             farthest = last[j]
             for m in range(begin, end):
                 farthest = max(farthest, first[target[m]])
-            _run_labels(j, process, cameras, entry, low, n_labels, farthest, by)
+            _run_labels(j, process, cameras, labels, low, n_labels, farthest, by)
         for m in range(begin, end):
             _gains_of_arc(
-                j, m, process, cameras, rows, whole, alone, weight, target, enters, state_of,
-                gain_at, early_at, entry, early, by, gains,
+                j, m, process, cameras, rows, whole, alone, weight, single, pairs, target, enters,
+                state_of, gain_at, early_at, hope, labels, by, gains,
             )  # fmt: skip
 
 
 @njit(cache=True)
-def _run_labels(j, process, cameras, entry, low, n_labels, farthest, by):  # type: ignore[no-untyped-def]
+def _run_labels(j, process, cameras, labels, low, n_labels, farthest, by):  # type: ignore[no-untyped-def]
     p = cameras.offsets.shape[2]
     space, none = work_space(1, p), np.empty((3 + p, 0))
     one = np.array([j])
     first, last = cameras.first[j], cameras.last[j]
     for c in range(n_labels):
-        if entry[low + c, 0] == EMPTY:
+        if labels.so_far[low + c] == -np.inf:
             continue
-        set_covariance(space[0], row6(entry, low + c))
+        set_covariance(space[0], row6(labels.entry, low + c))
         run_through(process, cameras, one, first, last, space, none, by[c])
         predict_ahead(process, row6(by[c], last), last, farthest, by[c])
 
 
 @njit(cache=True)
 def _gains_of_arc(  # type: ignore[no-untyped-def]
-    j, e, process, cameras, rows, whole, alone, weight, target, enters, state_of,
-    gain_at, early_at, entry, early, by, gains,
+    j, e, process, cameras, rows, whole, alone, weight, single, pairs, target, enters,
+    state_of, gain_at, early_at, hope, labels, by, gains,
 ):  # fmt: skip
-    first, last = cameras.first, cameras.last
     k = target[e]
     low, n_labels = state_of[j], state_of[j + 1] - state_of[j]
     into = state_of[k] + enters[e]
-    row = np.empty(22)
+    first_j, last_j, first_k, last_k = (
+        cameras.first[j], cameras.last[j], cameras.first[k], cameras.last[k],
+    )  # fmt: skip
+    meets = last_j >= 0 and last_k >= 0 and whole[k] and first_k <= last_j
+    s = min(first_j, first_k)
+    row = np.empty(ROW)
+    crossed = False
     mm, vv = np.empty((3, 3)), np.empty((3, 3))
-    meets = last[j] >= 0 and last[k] >= 0 and whole[k] and first[k] <= last[j]
-    s = min(first[j], first[k])
-    if meets:
-        two = np.array([j, k])
-        space = work_space(2, cameras.offsets.shape[2])
-        cross(process, cameras, two, s, max(last[j], last[k]), space, row)
+    # what a path into j must be worth for the arc to k to be any use
+    least = hope.need - hope.beyond[k] + hope.price
     for c in range(n_labels):
-        at = gain_at[e] + c
-        if entry[low + c, 0] == EMPTY and last[j] >= 0:
+        at, so_far = gain_at[e] + c, labels.so_far[low + c]
+        if gains[at] == -np.inf:
+            continue
+        if so_far + pairs[j, k] < least or so_far == -np.inf:
             gains[at] = -np.inf
             continue
         gain = alone[k]
-        if last[j] < 0:
-            if last[k] >= 0:
-                pass_on(entry, into, prior_at(process, first[k]), mm, vv)
-                pass_on(early, into, prior_at(process, early_at[k]), mm, vv)
-        elif last[k] < 0:
+        at_k = at_0 = prior_at(process, first_k)
+        if last_j < 0:
+            at_0 = prior_at(process, early_at[k])
+        elif last_k >= 0:
+            e_j, e_0 = row6(labels.entry, low + c), row6(labels.early, low + c)
+            at_k = car_at(process, first_k, by[c], first_j, last_j, e_0, e_j, early_at[j])
+            at_0 = car_at(process, early_at[k], by[c], first_j, last_j, e_0, e_j, early_at[j])
+            if whole[k] and meets:
+                if not crossed:
+                    two = np.array([j, k])
+                    space = work_space(2, cameras.offsets.shape[2])
+                    cross(process, cameras, two, s, max(last_j, last_k), space, row)
+                    crossed = True
+                p_j = e_j if s == first_j else at_k
+                gain = worth(p_j, row)
+                for t in range(s + 1, first_j + 1):
+                    p_j = ahead_of(process, p_j, t)
+                gain = min(gain - worth(p_j, rows[j]), alone[k])
+            elif whole[k]:
+                gain = min(worth(at_k, rows[k]), alone[k])
+        if last_k < 0:
             gain = 0.0
-        else:
-            e_j, e_0 = row6(entry, low + c), row6(early, low + c)
-            at_k = car_at(process, first[k], by[c], first[j], last[j], e_0, e_j, early_at[j])
-            at_0 = car_at(process, early_at[k], by[c], first[j], last[j], e_0, e_j, early_at[j])
-            pass_on(entry, into, at_k, mm, vv)
-            pass_on(early, into, at_0, mm, vv)
-            if whole[k]:
-                if meets:
-                    p_j = e_j if s == first[j] else at_k
-                    gain = worth(p_j, row)
-                    for t in range(s + 1, first[j] + 1):
-                        p_j = ahead_of(process, p_j, t)
-                    gain -= worth(p_j, rows[j])
-                else:
-                    gain = worth(at_k, rows[k])
-                gain = min(gain, alone[k])
-        gains[at] = rounded_up(np.float64(gains[at]) + weight * max(gain, 0.0))
+        total = min(rounded_up(np.float64(gains[at]) + weight * max(gain, 0.0)), pairs[j, k])
+        so_far += np.float64(total) if single else np.float64(pairs[j, k])
+        if so_far < least:
+            gains[at] = -np.inf
+            continue
+        gains[at] = total
+        labels.so_far[into] = max(labels.so_far[into], so_far - hope.price)
+        pass_on(labels.entry, into, at_k, mm, vv)
+        pass_on(labels.early, into, at_0, mm, vv)

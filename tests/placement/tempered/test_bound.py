@@ -104,13 +104,18 @@ def hold_diagrams(
 ) -> None:
     """Hold diagrams over all arcs, and over those that the first order leaves, against the best."""
     beat = best * (1.0 - 1e-9)
-    whole = Diagram(first, width)
+    whole = Diagram(first, width, -np.inf)
     assert whole.bound() >= best - 1e-12
     assert whole.bound() <= first.bound() * (1.0 + 1e-6) + 1e-6
     assert set(placement) <= set(whole.survivors(beat).candidate)
-    for capped in (Diagram(second.first, width, second), Diagram(second.first, width)):
-        assert max(capped.bound(), beat) >= best * (1.0 - 1e-9)
-        assert set(placement) <= set(capped.survivors(beat).candidate)
+    known = {"price": whole.price, "beyond": whole.beyond}
+    for diagram in (
+        Diagram(first, width, beat, **known),
+        Diagram(second.first, width, beat),
+        Diagram(second.first, width, beat, second),
+    ):
+        assert max(diagram.bound(), beat) >= best * (1.0 - 1e-9)
+        assert set(placement) <= set(diagram.survivors(beat).candidate)
 
 
 @pytest.mark.parametrize("block", range(2))
@@ -157,7 +162,7 @@ def test_search_finds_the_best_placement_and_its_bounds_hold_on_the_way() -> Non
 
             chain = SecondOrder(first, found[0])
             finished = search(
-                Diagram(first, 2, chain) if seed % 2 else chain,
+                Diagram(first, 2, found[0], chain) if seed % 2 else chain,
                 constraints,
                 new_run(),
                 lambda found=found: found[0],

@@ -83,7 +83,7 @@ def test_gains_are_above_those_given_the_whole_of_any_path(
     dense = Dense(drive, background[0], share)
     first = Tempered(objective, line, 5, share, background, new_run())
     chain = SecondOrder(first, -np.inf) if second else None
-    diagram = Diagram(first, width, chain)
+    diagram = Diagram(first, width, -np.inf, chain)
     arcs = diagram.arcs
 
     @functools.cache
@@ -131,7 +131,7 @@ def test_wider_is_tighter_and_the_second_order_tightens_it_further() -> None:
             background = background_of(objective, rng.uniform(0.0, 0.2, 20) * 0.0)
             first = Tempered(objective, line, 8, 1.0, background, new_run())
             second = SecondOrder(first, -np.inf) if capped else None
-            total += Diagram(first, width, second).bound()
+            total += Diagram(first, width, -np.inf, second).bound()
         bounds.append(total)
     assert bounds == sorted(bounds, reverse=True)
     assert bounds[-1] < bounds[0]
