@@ -31,7 +31,8 @@ from benchmarks.city import Stages, say_table
 from benchmarks.documents import existing, fill, markdown
 from models.geometry import FloatArray, IntArray
 from models.network import RoadNetwork
-from models.simulation import Settings, closed_loop, speed_policy
+from models.roads import Road
+from models.simulation import ClosedLoop, Settings, closed_loop, speed_policy
 from placement.assemble import build_errors, build_odometry
 from placement.atomic import prepare_folder, write_files
 from placement.city.cuts import bound_trajectories
@@ -53,6 +54,7 @@ from placement.validation import FILTER_HZ, validate_loop
 from placement.watch import watch
 
 AGREES = 1e-6  # relative: the referee's differences leave this much
+GATE = Settings().gate
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -189,7 +191,7 @@ def build_site(instance: Instance, network: RoadNetwork, drives: CityDrives) -> 
 
 
 @dataclass(frozen=True, slots=True)
-class _Reach:
+class Reach:
     """The chosen cameras that stand within reach of one drive, as the referee sees them."""
 
     eyes: list[Eye]
@@ -211,7 +213,7 @@ def check(
     found = []
     for d in which.tolist():
         track, xy = _track(instance, problem.drives, d)
-        near = _near(instance, site, candidates, xy)
+        near = near_drive(instance, site, candidates, xy)
         looked = (look_past(site.obstacles, eye, xy, instance) for eye in near.eyes)
         sights = [sight for sight in looked if sight.seen.any()]
         whole = filter_drive(track, sights)
@@ -239,7 +241,8 @@ def _track(instance: Instance, drives: CityDrives, d: int) -> tuple[Track, Float
     return track, np.column_stack([points.x_m, points.y_m])
 
 
-def _near(instance: Instance, site: Site, candidates: IntArray, xy: FloatArray) -> _Reach:
+def near_drive(instance: Instance, site: Site, candidates: IntArray, xy: FloatArray) -> Reach:
+    """Return which of the chosen cameras stand within reach of the samples `xy` of a drive."""
     cameras = site.mounts.cameras(candidates)
     rows = [
         i
@@ -247,20 +250,30 @@ def _near(instance: Instance, site: Site, candidates: IntArray, xy: FloatArray) 
         if np.hypot(xy[:, 0] - cameras.x_m[i], xy[:, 1] - cameras.y_m[i]).min()
         <= 1.001 * instance.camera.max_range_m
     ]
-    return _Reach(eyes_through(cameras, rows), candidates[np.array(rows, dtype=np.int64)])
+    return Reach(eyes_through(cameras, rows), candidates[np.array(rows, dtype=np.int64)])
 
 
 def _driven(
     instance: Instance,
     problem: TrajectoryProblem,
     site: Site,
-    near: _Reach,
+    near: Reach,
     d: int,
     runs: int,
 ) -> float:
     """Return the rms error of the filter in closed-loop runs along drive d."""
-    loop = closed_loop(
-        problem.drives.roads[d],
+    loop = drive_loop(instance, problem.drives.roads[d], site, near)
+    tolerance = instance.objective.tolerance_m
+    summary = validate_loop(loop, runs=runs, seed=d, tolerance_m=tolerance).summary
+    return float(summary["filters"]["ekf"]["simulated_rms_m"])
+
+
+def drive_loop(
+    instance: Instance, road: Road, site: Site, near: Reach, gate: float = GATE
+) -> ClosedLoop:
+    """Return the closed loop along `road` past the cameras that stand near it."""
+    return closed_loop(
+        road,
         site.mounts.cameras(near.rows),
         build_errors(instance),
         odometry=build_odometry(instance.vehicle),
@@ -269,14 +282,12 @@ def _driven(
         settings=Settings(
             filter_hz=FILTER_HZ,
             frame_hz=instance.camera.rate_hz,
+            gate=gate,
             initial_sigma=instance.vehicle.initial_sigma,
             max_range_m=instance.camera.max_range_m,
         ),
         obstacles=site.obstacles,
     )
-    tolerance = instance.objective.tolerance_m
-    summary = validate_loop(loop, runs=runs, seed=d, tolerance_m=tolerance).summary
-    return float(summary["filters"]["ekf"]["simulated_rms_m"])
 
 
 def cameras_csv(site: Site, candidates: IntArray, gains: FloatArray) -> str:
