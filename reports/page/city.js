@@ -1,9 +1,10 @@
-// The map of a city: streets, buildings, cameras and the ground they see, on one sheet of canvas
-// larger than its frame. A pan only moves the sheet, a zoom stretches it, and it is drawn anew when
-// the hand rests or the frame would leave it. What is smaller than a pixel is not drawn.
+// The map of a city: streets, buildings, cameras and the ground they see, on a sheet of canvas larger
+// than its frame. A pan only moves the sheet, a zoom stretches it. When the hand rests or the frame
+// would leave it, a spare one is drawn, a few thousand corners a frame, and then takes its place.
+// What is smaller than a pixel is not drawn.
 "use strict";
 (() => {
-  const SPARE = 0.35, REST_MS = 90, NEAR_PX = 12, CAMERA_M = 7;
+  const SPARE = 0.35, REST_MS = 90, NEAR_PX = 12, CAMERA_M = 7, MOST = 8000;
 
   function bytes(text) {
     return Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
@@ -38,13 +39,14 @@
   }
 
   function start(frame, city) {
-    const [sheet, marks] = frame.querySelectorAll("canvas");
+    let [sheet, spare] = frame.querySelectorAll("canvas");
+    const marks = frame.querySelector(".marks");
     const note = frame.querySelector(".note"), bar = frame.querySelector(".bar");
     const layers = city.layers.map((layer) => ({ ...layer, ...unpack(layer.lines, city.unit) }));
     const cameras = city.cameras, grounds = layers.find((layer) => layer.owner);
     const whole = city.box;
     // The view: metres in the frame's middle, pixels a metre; `drawn` is the sheet's own.
-    let view = null, drawn = null, resting = 0, pointed = -1;
+    let view = null, drawn = null, resting = 0, pointed = -1, drawing = 0, busy = -1;
 
     const width = () => frame.clientWidth, height = () => frame.clientHeight;
     const fit = () => {
@@ -55,11 +57,14 @@
       view.x + (px - width() / 2) / view.scale, view.y - (py - height() / 2) / view.scale,
     ];
 
-    // Trace the lines of a layer that `window` meets; corners nearer than a pixel are left out.
-    function trace(pen, layer, window, scale, closed) {
-      const { first, at, box } = layer, least = closed ? 1.2 / scale : 0, near = 0.8 / scale;
+    // Trace lines n … of a layer as far as `MOST` corners go, those that `window` meets; corners
+    // nearer than a pixel are left out. Return the next n.
+    function trace(pen, layer, n, window, scale) {
+      const { first, at, box, fill } = layer, near = 0.8 / scale;
+      const least = fill ? 1.2 / scale : 0;
+      let corners = 0;
       pen.beginPath();
-      for (let n = 0; n < layer.size; n++) {
+      for (; n < layer.size && corners < MOST; n++) {
         const b = 4 * n;
         if (box[b] > window[2] || box[b + 1] > window[3]) continue;
         if (box[b + 2] < window[0] || box[b + 3] < window[1]) continue;
@@ -71,41 +76,46 @@
           const u = at[2 * i], v = at[2 * i + 1];
           if (i < end && Math.abs(u - x) < near && Math.abs(v - y) < near) continue;
           pen.lineTo(u, v);
+          corners++;
           x = u;
           y = v;
         }
-        if (closed) pen.closePath();
+        if (fill) pen.closePath();
       }
+      return n;
     }
 
-    function draw() {
+    // Draw a sheet for `seen`, a little at a time.
+    function* paint(canvas, seen) {
       const ratio = window.devicePixelRatio || 1, w = width(), h = height();
       const [sw, sh] = [w * (1 + 2 * SPARE), h * (1 + 2 * SPARE)].map((s) => Math.round(s * ratio));
-      if (sheet.width !== sw || sheet.height !== sh) [sheet.width, sheet.height] = [sw, sh];
-      sheet.style.width = `${sw / ratio}px`;
-      sheet.style.height = `${sh / ratio}px`;
-      sheet.style.left = `${-w * SPARE}px`;
-      sheet.style.top = `${-h * SPARE}px`;
-      const pen = sheet.getContext("2d", { alpha: false }), scale = view.scale;
+      if (canvas.width !== sw || canvas.height !== sh) [canvas.width, canvas.height] = [sw, sh];
+      canvas.style.width = `${sw / ratio}px`;
+      canvas.style.height = `${sh / ratio}px`;
+      canvas.style.left = `${-w * SPARE}px`;
+      canvas.style.top = `${-h * SPARE}px`;
+      const pen = canvas.getContext("2d", { alpha: false }), scale = seen.scale, k = scale * ratio;
       pen.setTransform(1, 0, 0, 1, 0, 0);
       pen.fillStyle = "#fff";
       pen.fillRect(0, 0, sw, sh);
-      const k = scale * ratio;
-      pen.setTransform(k, 0, 0, -k, sw / 2 - view.x * k, sh / 2 + view.y * k);
+      pen.setTransform(k, 0, 0, -k, sw / 2 - seen.x * k, sh / 2 + seen.y * k);
       const half = [sw / 2 / k, sh / 2 / k];
-      const window_ = [view.x - half[0], view.y - half[1], view.x + half[0], view.y + half[1]];
+      const reach = [seen.x - half[0], seen.y - half[1], seen.x + half[0], seen.y + half[1]];
       pen.lineJoin = "round";
       for (const layer of layers) {
-        trace(pen, layer, window_, scale, Boolean(layer.fill));
-        if (layer.fill) {
-          pen.fillStyle = layer.fill;
-          pen.globalAlpha = layer.alpha;
-          pen.fill("nonzero");
-          pen.globalAlpha = 1;
-        } else {
-          pen.strokeStyle = layer.stroke;
-          pen.lineWidth = Math.max(layer.width, layer.least / scale);
-          pen.stroke();
+        for (let n = 0; n < layer.size;) {
+          n = trace(pen, layer, n, reach, scale);
+          if (layer.fill) {
+            pen.fillStyle = layer.fill;
+            pen.globalAlpha = layer.alpha;
+            pen.fill("nonzero");
+            pen.globalAlpha = 1;
+          } else {
+            pen.strokeStyle = layer.stroke;
+            pen.lineWidth = Math.max(layer.width, layer.least / scale);
+            pen.stroke();
+          }
+          yield;
         }
       }
       const r = Math.min(6, Math.max(1.8, 2.2 * scale ** 0.5)) / scale, long = CAMERA_M * scale > 8;
@@ -113,7 +123,7 @@
       pen.lineWidth = 1.6 / scale;
       pen.beginPath();
       for (const [x, y, yaw] of cameras) {
-        if (x < window_[0] || x > window_[2] || y < window_[1] || y > window_[3]) continue;
+        if (x < reach[0] || x > reach[2] || y < reach[1] || y > reach[3]) continue;
         pen.moveTo(x + r, y);
         pen.arc(x, y, r, 0, 2 * Math.PI);
         if (long) {
@@ -123,8 +133,37 @@
       }
       pen.fill();
       if (long) pen.stroke();
-      drawn = { ...view };
+    }
+
+    // Put the spare sheet, which is drawn, in the other's place.
+    function turn(seen) {
+      [sheet, spare] = [spare, sheet];
+      drawn = seen;
+      lay();
+      sheet.style.visibility = "visible";
+      spare.style.visibility = "hidden";
       frame.dataset.drawn = String(Number(frame.dataset.drawn || 0) + 1);
+    }
+
+    // Draw now, or over as many frames as it takes; whoever asks meanwhile is served after that.
+    function draw(now) {
+      if (now) {
+        const seen = { ...view };
+        drawing++;
+        for (const _ of paint(spare, seen));
+        return turn(seen);
+      }
+      if (busy === drawing) return;
+      busy = ++drawing;
+      const mine = busy, seen = { ...view }, job = paint(spare, seen);
+      const go = () => {
+        if (mine !== drawing) return;
+        if (!job.next().done) return void requestAnimationFrame(go);
+        busy = -1;
+        turn(seen);
+        show();
+      };
+      go();
     }
 
     // Lay the sheet, drawn for another view, where this view has it.
@@ -141,10 +180,9 @@
       clearTimeout(resting);
       const covered = drawn && lay();
       if (now || !drawn || (!covered && view.scale === drawn.scale)) {
-        draw();
-        lay();
+        draw(now || !drawn);
       } else if (view.x !== drawn.x || view.y !== drawn.y || view.scale !== drawn.scale) {
-        resting = setTimeout(() => { draw(); lay(); }, REST_MS);
+        resting = setTimeout(() => draw(false), REST_MS);
       }
       mark();
       measure();

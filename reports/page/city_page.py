@@ -75,6 +75,7 @@ def _map(stretches: Stretches) -> str:
     return (
         '<figure><div id="map" class="map" tabindex="0" role="application" '
         'aria-label="Map of the streets and their cameras"><canvas></canvas><canvas></canvas>'
+        '<canvas class="marks"></canvas>'
         f'<div class="tools">{buttons}</div><div class="north" aria-hidden="true">N ↑</div>'
         '<div class="bar"></div><output class="note" aria-live="polite"></output></div>'
         f'<ul class="legend">{legend}</ul></figure>'
@@ -106,9 +107,10 @@ def _city(result: Result, stretches: Stretches, frame: pd.DataFrame) -> dict[str
     low, high = xy.min(axis=0) - _MARGIN_M, xy.max(axis=0) + _MARGIN_M
     grounds = visible_ground(result)
     # Pieces with holes are filled by their outlines: a courtyard's shadow is seldom worth a byte.
-    pieces = [(n, piece.outline) for n, found in enumerate(grounds) for piece in found]
+    pieces = [(n, _anticlockwise(p.outline)) for n, found in enumerate(grounds) for p in found]
+    buildings = [_anticlockwise(ring) for ring in buildings_near(result, _MARGIN_M)]
     layers: list[dict[str, Any]] = [
-        {"fill": _BUILDINGS, "alpha": 1.0, "lines": packed(buildings_near(result, _MARGIN_M), low)},
+        {"fill": _BUILDINGS, "alpha": 1.0, "lines": packed(buildings, low)},
     ]
     for kind, colour in enumerate(COLOURS):
         lines = [stretches.lines[i] for i in np.flatnonzero(stretches.kind == kind)]
@@ -132,6 +134,16 @@ def _city(result: Result, stretches: Stretches, frame: pd.DataFrame) -> dict[str
         "cameras": np.round(np.column_stack([places, yaw]), 3).tolist(),
         "texts": [_text(row) for row in frame.to_dict("records")],
     }
+
+
+def _anticlockwise(ring: FloatArray) -> FloatArray:
+    """Return the ring the one way round: filled together, two that turn against each other cancel.
+
+    Where they overlap, that is, by the rule of the winding number that `city.js` fills by.
+    """
+    x, y = (ring - ring[0]).T
+    twice_area = float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+    return ring if twice_area >= 0.0 else ring[::-1]
 
 
 def _text(row: dict[Any, Any]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -103,6 +104,19 @@ def test_what_is_packed_is_unpacked_to_half_a_decimetre() -> None:
     for line, again in zip(lines, unpacked(text), strict=True):
         np.testing.assert_allclose(again, line - origin, atol=0.5001 * UNIT_M)
     assert packed([], origin) == {"counts": "", "steps": "", "far": []}
+
+
+def test_all_that_is_filled_turns_the_same_way(result: Result) -> None:
+    """Else the ground of two cameras would cancel where they both look."""
+    page = str(write(result)["index.html"])
+    found = re.search(r'id="city">(.*?)</script>', page)
+    assert found is not None
+    filled = [layer for layer in json.loads(found[1])["layers"] if "fill" in layer]
+    assert len(filled) == 2
+    for layer in filled:
+        for ring in unpacked(layer["lines"]):
+            assert shapely.LinearRing(ring).is_ccw
+    assert len(filled[1]["owner"]) == len(unpacked(filled[1]["lines"])) >= 4
 
 
 def test_ground_is_what_buildings_leave(result: Result) -> None:
@@ -243,7 +257,8 @@ def test_a_row_brings_its_camera_which_tells_of_itself(fresh: Any, result: Resul
 
 def test_streets_cameras_and_ground_are_drawn_in_their_colours(fresh: Any) -> None:
     script = (
-        "() => { const c = document.querySelector('#map canvas'); const d ="
+        "() => { const c = [...document.querySelectorAll('#map canvas')].find(one =>"
+        " one.style.visibility === 'visible'); const d ="
         " c.getContext('2d').getImageData(0, 0, c.width, c.height).data; const found = new Set();"
         " for (let i = 0; i < d.length; i += 4) found.add([d[i], d[i+1], d[i+2]].join());"
         " return [...found]; }"
