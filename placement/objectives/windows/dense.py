@@ -42,6 +42,13 @@ class DenseDrive:
 
         W − W B (I + BᵀWB)⁻¹ BᵀW for white information W and offset Jacobian B; W where white.
         """
+        where, told = self._told(i, until)
+        out = np.zeros_like(self.prior)
+        out[np.ix_(where, where)] = told
+        return out
+
+    def _told(self, i: int, until: int | None) -> tuple[IntArray, FloatArray]:
+        """Return which rows of the trajectory (m,) a camera tells of, and what, (m, m)."""
         info = self.drive.information
         blocks = info.blocks
         if self.drive.persistent and info.white is not None:
@@ -61,15 +68,14 @@ class DenseDrive:
             jacobian = jacobian.reshape(2 * n, info.offsets.shape[2])
             wb = w @ jacobian
             w[:] -= wb @ np.linalg.solve(np.eye(jacobian.shape[1]) + jacobian.T @ wb, wb.T)
-        out = np.zeros_like(self.prior)
-        out[np.ix_(where, where)] = w
-        return out
+        return where, w
 
     def information(self, x: FloatArray, until: int | None = None) -> FloatArray:
         """Return Σ x_i Λ_i (3t, 3t) from samples ≤ `until`."""
         out = np.zeros_like(self.prior)
         for i in np.flatnonzero(x):
-            out += x[i] * self.camera(int(i), until)
+            where, told = self._told(int(i), until)
+            out[np.ix_(where, where)] += x[i] * told
         return out
 
     def entropy(self, x: FloatArray) -> float:
@@ -81,8 +87,8 @@ class DenseDrive:
         """Return the filter's covariance (3, 3) of state `until` from samples ≤ `until`."""
         n = len(self.prior)
         gained = np.eye(n) + self.prior @ self.information(x, until)
-        posterior = np.asarray(np.linalg.solve(gained, self.prior), dtype=np.float64)
-        return posterior[3 * until : 3 * until + 3, 3 * until : 3 * until + 3]
+        now = slice(3 * until, 3 * until + 3)
+        return np.asarray(np.linalg.solve(gained, self.prior[:, now])[now], dtype=np.float64)
 
     def trace(self, x: FloatArray, weight: str = "position") -> float:
         """Return the mean over samples of tr(W P_t), in m²."""
