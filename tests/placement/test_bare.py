@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
 import sys
 import zipfile
 from collections.abc import Callable
@@ -15,6 +16,7 @@ import pandas as pd
 import pytest
 
 from placement.cli import main
+from placement.commands import solve_into
 from placement.information_problem import InformationProblem
 
 RNG = np.random.default_rng(0)
@@ -43,11 +45,19 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
     return call
 
 
+@pytest.fixture(scope="module")
+def solved_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Solve the problem with costs and groups; return the folder it lies in."""
+    folder = tmp_path_factory.mktemp("solved")
+    DEAR.write(folder / "dear.npz")
+    solve_into(folder / "out", str(folder / "dear.npz"), quiet=True)
+    return folder
+
+
 @pytest.fixture
-def solved(run: Run, tmp_path: Path) -> Path:
-    """Solve the problem with costs and groups; return its folder."""
-    DEAR.write(tmp_path / "dear.npz")
-    assert run("solve", tmp_path / "dear.npz", "--out", tmp_path / "out", "-q")[0] == 0
+def solved(solved_once: Path, tmp_path: Path) -> Path:
+    """Return a copy of the solved folder, the problem beside it."""
+    shutil.copytree(solved_once, tmp_path, dirs_exist_ok=True)
     return tmp_path / "out"
 
 
