@@ -177,3 +177,12 @@ def brute_force() -> Callable[[Problem], tuple[float, tuple[int, ...]]]:
 def new_toy() -> Callable[[Information], RiccatiToy]:
     """Give the minimised objective that is not submodular."""
     return RiccatiToy
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out the figures beside a solution, where another test draws the same ones.
+
+    Drawing takes ten times as long as solving so small an instance.
+    """
+    monkeypatch.setattr("placement.commands.entry_points", lambda group: [])

@@ -83,6 +83,7 @@ def test_solve_writes_the_files_of_the_contract(
     assert not [p for p in out.iterdir() if p.name.startswith(".")]
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("method", ["auto", "exchange", "relaxation", "mip", "uniform", "random"])
 def test_every_method_answers_the_command_line(
     run: Callable[..., Outcome], small: Path, tmp_path: Path, method: str
@@ -207,6 +208,7 @@ def test_bad_words_are_one_line_and_exit_2(
     assert named in outcome.err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_damaged_solution_folder_is_refused(
     run: Callable[..., Outcome], small: Path, tmp_path: Path
 ) -> None:
