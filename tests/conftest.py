@@ -15,7 +15,42 @@ import pytest
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
-SHARED_DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
+TESTS = Path(__file__).resolve().parent
+SHARED_DATA = TESTS.parent.parent / "shared" / "data"
+# Where workers begin: with the files that compile most, each other kernels, so that no kernel is
+# compiled by two workers at once; and with what takes long, so that none waits for another's last.
+FIRST = (
+    "placement/fewest",
+    "placement/test_instance_constraints.py",
+    "placement/objectives/test_navigation.py",
+    "placement/solvers/test_contract.py",
+    "placement/test_cli.py",
+    "benchmarks/test_library.py",
+    "placement/branch",
+    "placement/test_cluster.py",
+    "placement/referee/test_tolerance.py",
+    "placement/tempered",
+    "placement/solvers",
+    "reports",
+    "placement",
+    "benchmarks",
+)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Let files keep our order where xdist would begin with those of most tests."""
+    config.option.loadscopereorder = False
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put what `FIRST` names first."""
+    assert all((TESTS / name).exists() for name in FIRST)
+
+    def rank(item: pytest.Item) -> int:
+        path = item.path.relative_to(TESTS).as_posix()
+        return next((n for n, name in enumerate(FIRST) if path.startswith(name)), len(FIRST))
+
+    items.sort(key=rank)
 
 
 @pytest.fixture(scope="session")
