@@ -202,8 +202,11 @@ def validate_in(
         report(f"assembling {stored.instance.name}", None)
         from placement.assemble import assemble
         from placement.prediction import predict
-        from placement.validation import validate
+        from placement.roadway import nobody_drives
+        from placement.validation import NO_DRIVES, validate
 
+        if nobody_drives(stored.instance):  # said now, not when a city's information is there
+            raise ValueError(NO_DRIVES)
         scene = assemble(stored.instance, work)
         solution = stored.solution(scene.problem)
         started = time.monotonic()

@@ -108,11 +108,20 @@ def network_drives(instance: Instance, network: RoadNetwork) -> list[tuple[str, 
     Raises:
         ValueError: for a demand that the network cannot serve at all, naming the file.
     """
-    given = "traffic" in instance.document.model_fields_set
-    if instance.objective.kind == "localisation" and not given:
+    if _about_streets(instance):
         return [(STREETS, all_streets(network), 1.0)]
     routes = build_routes(instance, network)
     return [(f"drive-{n}", drive_road(network, r), r.weight) for n, r in enumerate(routes)]
+
+
+def nobody_drives(instance: Instance) -> bool:
+    """Whether the objective is about all streets of a network alike, which nobody drives."""
+    return _about_streets(instance) and network_of(instance) is not None
+
+
+def _about_streets(instance: Instance) -> bool:
+    given = "traffic" in instance.document.model_fields_set
+    return instance.objective.kind == "localisation" and not given
 
 
 def build_routes(instance: Instance, network: RoadNetwork) -> list[Route]:

@@ -32,6 +32,10 @@ from placement.assemble import Scene, build_errors, build_odometry
 from placement.cluster import Serial, Work, cores
 
 FILTER_HZ = 25.0
+NO_DRIVES = (
+    "validate needs drives over the network: nobody drives all streets in a row; "
+    "give the instance a [traffic] table"
+)
 _BATCH = 50
 _BIN_M = 2.0
 
@@ -86,10 +90,7 @@ def validate(
     cameras that never see the car.
     """
     if not all(journey.drivable for journey in scene.journeys):
-        raise ValueError(
-            "validate needs drives over the network: nobody drives all streets in a row; "
-            "give the instance a [traffic] table"
-        )
+        raise ValueError(NO_DRIVES)
     found = [
         _drive_journey(
             scene,

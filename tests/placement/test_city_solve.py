@@ -14,7 +14,7 @@ import pytest
 from placement import commands, verify
 from placement.assemble import assemble
 from placement.cli import main
-from placement.commands import INFORMATION, solve_into
+from placement.commands import INFORMATION, solve_into, validate_in
 from placement.information import chunks, quarters
 from placement.instance import load_instance
 from placement.referee.nearby import information_nearby, localisation_nearby
@@ -157,6 +157,16 @@ def test_a_solve_that_ran_out_of_time_leaves_its_information(town: Path) -> None
     assert (out / INFORMATION).is_dir()
     solve_into(out, str(town), quiet=True)
     assert not (out / INFORMATION).exists()
+
+
+def test_a_city_that_nobody_drives_is_not_validated_and_that_is_said_at_once(
+    town: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = town.parent / "out"
+    solve_into(out, str(town), quiet=True)
+    monkeypatch.setattr("placement.assemble.assemble", lambda *_: pytest.fail("too late"))
+    with pytest.raises(ValueError, match=r"give the instance a \[traffic\] table"):
+        validate_in(out, runs=2, seed=0, quiet=True)
 
 
 def test_the_referee_sees_nearby_what_it_sees_along_the_whole_path(town: Path) -> None:
