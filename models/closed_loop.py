@@ -131,7 +131,7 @@ def drive(
     cross = np.zeros((considered, size, N_OFFSETS))
     met = np.zeros(max(k, 1), dtype=np.int64)
     is_met = np.zeros(max(k, 1), dtype=np.bool_)
-    n_met = 0
+    n_met = np.int64(0)  # a plain 0 has `predict` compiled for that number alone
     _start(course, car, scale, rng_wheels, mean, covariance)
 
     seen = np.empty((max(2 * k, 1), 3))

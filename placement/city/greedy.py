@@ -95,7 +95,7 @@ def lazy_greedy(
     Writes `chosen` and their `gains` (budget,); returns how many, and how many rows were computed.
     """
     heap = np.empty(len(upper), dtype=np.int64)
-    n = 0
+    root = n = np.int64(0)  # a plain 0 has `_sift` compiled for that number alone
     for i in range(len(upper)):
         if allowed[i] and not taken[group[i]] and upper[i] > price:
             heap[n] = i
@@ -109,13 +109,13 @@ def lazy_greedy(
         if taken[group[i]] or upper[i] <= price:
             n -= 1
             heap[0] = heap[n]
-            _sift(heap, n, 0, upper)
+            _sift(heap, n, root, upper)
             continue
         if fresh[i] != added:
             upper[i] = min(upper[i], gain_of(i, indptr, indices, blocks, weights, scale, sums))
             fresh[i] = added
             computed += 1
-            _sift(heap, n, 0, upper)
+            _sift(heap, n, root, upper)
             continue
         chosen[added], gains[added] = i, upper[i]
         added += 1

@@ -159,7 +159,7 @@ def dense_blocks(
 ) -> None:
     """Write the information of every pose about every sample, out (c, 1 | 3, t); 0 where unseen."""
     for i in range(table.shape[0]):
-        inform(table[i], parameters, max_range_m, samples, 0, samples.shape[1], out[i])
+        inform(table[i], parameters, max_range_m, samples, np.int64(0), samples.shape[1], out[i])
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -14,6 +14,7 @@ from numba import njit
 from placement.objectives.windows.offset_gains import load_before
 from placement.objectives.windows.offset_information import pull_rows, spread
 from placement.objectives.windows.offsets import (
+    CAR_STATES,
     enter_state,
     find,
     predict_state,
@@ -41,9 +42,9 @@ def offset_adjoint(steps, p0, views, plan, matrices, seed, w_tt, w_nn, future): 
     u = np.empty((2, plan.widest))
     gains = np.empty((most, 2, plan.widest))
     set_initial(g, seed)
-    store(future, plan.matrix_ptr[n_samples - 1], g, 3)
+    store(future, plan.matrix_ptr[n_samples - 1], g, CAR_STATES)
     for t in range(n_samples - 1, 0, -1):
-        n, n_active = load_before(t, m, 3, p0, matrices, plan, p, active)
+        n, n_active = load_before(t, m, CAR_STATES, p0, matrices, plan, p, active)
         n_before = n
         predict_state(m, n, steps[t])
         for slot in range(plan.enter_ptr[t], plan.enter_ptr[t + 1]):

@@ -15,6 +15,7 @@ from numba import njit
 
 from placement.objectives.windows.filter import RESCALE
 from placement.objectives.windows.offsets import (
+    CAR_STATES,
     drop_unseen,
     leave_state,
     log_det_definite,
@@ -164,7 +165,7 @@ def offset_entropy_gains(  # type: ignore[no-untyped-def]
                 v,
             )
             if views.indices[e] == t:
-                det *= update_state(m, n, 3, white, offsets, frames, e, 1.0, u, v)[0]
+                det *= update_state(m, n, CAR_STATES, white, offsets, frames, e, 1.0, u, v)[0]
                 e += 1
             product *= det
             if product > RESCALE:
@@ -174,7 +175,7 @@ def offset_entropy_gains(  # type: ignore[no-untyped-def]
             if e == stop:
                 break
             t += 1
-        n = leave_state(m, n, 3, p)
+        n = leave_state(m, n, CAR_STATES, p)
         log_sum += math.log(product) - own_shares[rows[k]] - through[t]
         out[k] = log_sum + log_det_plus_flat(m, n, later, plan.matrix_ptr[t], low, work)
 
@@ -226,10 +227,10 @@ def offset_reductions(  # type: ignore[no-untyped-def]
                 v,
             )
             if e < stop and views.indices[e] == t:
-                update_state(m, n, 3, white, offsets, frames, e, 1.0, u, v)
+                update_state(m, n, CAR_STATES, white, offsets, frames, e, 1.0, u, v)
                 e += 1
                 if e == stop:
-                    n = leave_state(m, n, 3, p)
+                    n = leave_state(m, n, CAR_STATES, p)
                     base = 3
             n, n_active = drop_unseen(t, m, n, base, active, n_active, p, last_seen)
             start = plan.matrix_ptr[t]
@@ -288,10 +289,10 @@ def offset_final(rows, steps, p0, views, plan, matrices, out):  # type: ignore[n
                 v,
             )
             if e < stop and views.indices[e] == t:
-                update_state(m, n, 3, white, offsets, frames, e, 1.0, u, v)
+                update_state(m, n, CAR_STATES, white, offsets, frames, e, 1.0, u, v)
                 e += 1
                 if e == stop:
-                    n = leave_state(m, n, 3, p)
+                    n = leave_state(m, n, CAR_STATES, p)
                     base = 3
             n, n_active = drop_unseen(t, m, n, base, active, n_active, p, last_seen)
         out[k, 0], out[k, 1], out[k, 2] = m[0, 0], m[0, 1], m[0, 2]

@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from placement.objectives.windows.offsets import (
+    CAR_STATES,
     enter_state,
     leave_state,
     predict_state,
@@ -58,7 +59,7 @@ def offset_reach_with(  # type: ignore[no-untyped-def]
         while begin > 0 and pending[begin - 1]:
             begin -= 1
         slots[chosen.size] = i
-        n = 3
+        n = CAR_STATES
         if begin == 0:
             set_initial(m, p0)
         else:

@@ -23,6 +23,9 @@ from models.geometry import FloatArray, IntArray
 from placement.objectives.navigation_chain import Drive
 from placement.objectives.windows.filter import predict
 
+# The car's own; a kernel that is handed a plain 3 is compiled for that number alone, and again.
+CAR_STATES = np.int64(3)
+
 
 class Views(NamedTuple):
     """What all candidates see: CSR rows with white information and offset Jacobians."""
@@ -309,14 +312,14 @@ def filter_offsets(steps, p0, views, plan, matrices, log_before):  # type: ignor
     u, v = np.empty((2, plan.widest)), np.empty((2, plan.widest))
     active = np.empty(plan.camera.size, dtype=np.int64)
     set_initial(m, p0)
-    n, n_active, log_sum = 3, 0, 0.0
+    n, n_active, log_sum = CAR_STATES, np.int64(0), 0.0
     for t in range(n_samples):
         log_before[t] = log_sum
         n, n_active, det = pass_sample(
             t,
             m,
             n,
-            3,
+            CAR_STATES,
             active,
             n_active,
             steps,
@@ -332,7 +335,7 @@ def filter_offsets(steps, p0, views, plan, matrices, log_before):  # type: ignor
             v,
         )
         log_sum += math.log(det)
-        n, n_active = drop_unseen(t, m, n, 3, active, n_active, p, last_seen)
+        n, n_active = drop_unseen(t, m, n, CAR_STATES, active, n_active, p, last_seen)
         store(matrices, plan.matrix_ptr[t], m, n)
     return log_sum
 
