@@ -7,7 +7,7 @@ wheels (through the odometry's noise), the pixels (`models.sensing`) and the rec
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -131,7 +131,7 @@ def drive(
     cross = np.zeros((considered, size, N_OFFSETS))
     met = np.zeros(max(k, 1), dtype=np.int64)
     is_met = np.zeros(max(k, 1), dtype=np.bool_)
-    n_met = np.int64(0)  # a plain 0 has `predict` compiled for that number alone
+    n_met: Any = np.int64(0)  # a plain 0 has `predict` compiled for that number alone
     _start(course, car, scale, rng_wheels, mean, covariance)
 
     seen = np.empty((max(2 * k, 1), 3))

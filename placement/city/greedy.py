@@ -9,6 +9,8 @@ top is computed again: some dozens of rows a camera, whatever the number of cand
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -95,7 +97,8 @@ def lazy_greedy(
     Writes `chosen` and their `gains` (budget,); returns how many, and how many rows were computed.
     """
     heap = np.empty(len(upper), dtype=np.int64)
-    root = n = np.int64(0)  # a plain 0 has `_sift` compiled for that number alone
+    root: Any = np.int64(0)  # a plain 0 has `_sift` compiled for that number alone
+    n: Any = np.int64(0)
     for i in range(len(upper)):
         if allowed[i] and not taken[group[i]] and upper[i] > price:
             heap[n] = i

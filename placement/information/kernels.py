@@ -8,6 +8,7 @@ the kernels hold no lock, allocate nothing but small scratch, and write to disjo
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -158,8 +159,9 @@ def dense_blocks(
     out: FloatArray,
 ) -> None:
     """Write the information of every pose about every sample, out (c, 1 | 3, t); 0 where unseen."""
+    begin: Any = np.int64(0)  # a plain 0 has `inform` compiled for that number alone
     for i in range(table.shape[0]):
-        inform(table[i], parameters, max_range_m, samples, np.int64(0), samples.shape[1], out[i])
+        inform(table[i], parameters, max_range_m, samples, begin, samples.shape[1], out[i])
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
