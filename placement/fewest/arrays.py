@@ -10,9 +10,14 @@ from numpy.typing import NDArray
 from models.geometry import BoolArray, FloatArray, IntArray
 
 DEPTH = 3  # cameras in view at once that are told apart
+COUNTS = 3  # sizes of crowds that are told apart, from DEPTH + 1
+MOST_CROWDS = 1_000_000  # labels, one sample
+PROVING, PROBING, FINDING = range(3)  # what a sweep is for
+WAITED = -2  # in place of a camera: none was in view
+END = 0  # the node of every drive that is over
 NODES, ARCS, POOL, FREE, FULL, BLIND = range(6)
 N_COUNTERS = 6
-KEY_BITS = 17  # of a camera in the key of a set; `Course` holds fewer than 2**17
+KEY_BITS = 18  # of a camera, or a second one, in the key of a set; `Course` holds fewer than 2**17
 MOST_UNITS = 100_000  # as good as infinitely many
 MOST_NODES, MOST_ARCS, MOST_WAITING, MOST_SETS = 8_000_000, 24_000_000, 500_000, 60_000
 
@@ -25,13 +30,22 @@ class Course(NamedTuple):
     base: FloatArray  # (t, 3) information of cameras that are there in any case
     ptr: IntArray  # (v + 1,) rows of blocks: one a sample from first to last
     blocks: FloatArray  # (n, 3)
+    second: FloatArray  # (n, 3) the same of a camera's second copy, of id v + number of cameras
+    twice: BoolArray  # (v,) whether that tells anything
+    best: FloatArray  # (t, 3) above the block of every camera
     at: IntArray  # (t + 1,) cameras that start at t
+    first: IntArray  # (v,) the sample at which each starts
     units: IntArray  # (v,)
     per_unit: int  # units that a unit of the prices given is cut into
     settled: BoolArray  # (t + 1,) whether no camera has pieces on both sides of t: prices are whole
     floor: FloatArray  # (t, 6) below every covariance before the measurements of t
     limit: float
     failures: int
+    # cameras as they are, not as the bound relaxes them
+    owner: IntArray  # (2 v,) the candidates whose pieces the cameras and their seconds are
+    group: IntArray  # (2 v,) their mounts, −1 where others may stand there
+    whole: IntArray  # (v,) its price, borne by the piece that tells most; MOST_UNITS of others
+    plain: FloatArray  # (t, 3) `base` without what the bound gives to everybody
     # where errors persist: who the cameras are, and what `offsets.Views` holds of them
     who: IntArray
     indptr: IntArray
@@ -59,6 +73,8 @@ class Store(NamedTuple):
     pool_next: IntArray
     pool_parent: IntArray
     pool_units: IntArray
+    pool_camera: NDArray[np.int32]
+    pool_waited: BoolArray
     pool_p: FloatArray  # (·, 2, 6)
     node_need: IntArray
     node_t: IntArray  # where free labels are, −1 for others
@@ -66,6 +82,7 @@ class Store(NamedTuple):
     arc_from: IntArray
     arc_to: IntArray
     arc_units: IntArray
+    arc_camera: NDArray[np.int32]
     set_m: IntArray  # (2, sets) of this sample and the next
     set_n: IntArray
     set_ids: IntArray  # (2, sets, DEPTH)
@@ -77,6 +94,10 @@ class Store(NamedTuple):
     key_first: IntArray
     set_next: IntArray  # sets of one key
     blind_node: IntArray  # (2, k + 1, span + 2) by how long it lasts; −1 for none
+    crowd_node: IntArray  # (2, k + 1, counts, span + 2)
+    crowd_p: (
+        FloatArray  # (2, k + 1, counts, span + 2, 3, 6): intact, an earlier one dark, one of it
+    )
     counter: IntArray
 
 
@@ -90,6 +111,8 @@ def new_store(failures: int) -> Store:
         pool_next=np.empty(MOST_WAITING, dtype=np.int64),
         pool_parent=np.empty(MOST_WAITING, dtype=np.int64),
         pool_units=np.empty(MOST_WAITING, dtype=np.int64),
+        pool_camera=np.empty(MOST_WAITING, dtype=np.int32),
+        pool_waited=np.empty(MOST_WAITING, dtype=np.bool_),
         pool_p=np.empty((MOST_WAITING, 2, 6)),
         node_need=np.empty(MOST_NODES, dtype=np.int64),
         node_t=np.empty(MOST_NODES, dtype=np.int64),
@@ -97,6 +120,7 @@ def new_store(failures: int) -> Store:
         arc_from=np.empty(MOST_ARCS, dtype=np.int64),
         arc_to=np.empty(MOST_ARCS, dtype=np.int64),
         arc_units=np.empty(MOST_ARCS, dtype=np.int64),
+        arc_camera=np.empty(MOST_ARCS, dtype=np.int32),
         set_m=np.empty((2, MOST_SETS), dtype=np.int64),
         set_n=np.empty((2, MOST_SETS), dtype=np.int64),
         set_ids=np.zeros((2, MOST_SETS, DEPTH), dtype=np.int64),
@@ -108,5 +132,7 @@ def new_store(failures: int) -> Store:
         key_first=np.empty(buckets, dtype=np.int64),
         set_next=np.empty(MOST_SETS, dtype=np.int64),
         blind_node=np.empty((0, 0, 0), dtype=np.int64),
+        crowd_node=np.empty((0, 0, 0, 0), dtype=np.int64),
+        crowd_p=np.empty((0, 0, 0, 0, 0, 0)),
         counter=np.zeros(N_COUNTERS + 1, dtype=np.int64),
     )

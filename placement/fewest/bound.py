@@ -69,13 +69,18 @@ class Counting:
         most: int,
         failures: int,
         views: Views | None = None,
+        group: IntArray | None = None,
     ) -> None:
         """Prepare for placements of at most `most` of the `usable` (c,) cameras beside `given`.
 
         units (c,) are the candidates' prices, whole and at least 1 where usable. `drive` has the
         cameras' offsets known; `views` tells what is true of a camera by itself, if that differs.
+        Of those of one `group` (c,), 0 or more, there is one at most.
         """
-        self.course = course_of(drive, limit, usable, given, units, most, failures, views)
+        self._begin = np.full(usable.size, drive.n_samples, dtype=np.int64)
+        seeing = np.flatnonzero(np.diff(drive.indptr))
+        self._begin[seeing] = drive.indices[drive.indptr[seeing]]
+        self.course = course_of(drive, limit, usable, given, units, most, failures, views, group)
         c = self.course
         self.span = int(np.max(np.diff(c.ptr), initial=0))
         self.reach = floor_reach(c.steps, c.base, c.floor, c.limit)
@@ -102,6 +107,10 @@ class Counting:
         if self._need >= MOST_UNITS:  # no number of them suffices
             return self._need
         return -(-self._need // self.course.per_unit)
+
+    def begins(self, selected: IntArray) -> IntArray:
+        """Return the first sample (m,) at which each of some candidates is in view."""
+        return self._begin[selected]
 
     def prove(
         self,
@@ -158,20 +167,16 @@ class Counting:
         t = c.steps.shape[0]
         self.floor[:] = np.where(c.settled, -(-self.floor // c.per_unit) * c.per_unit, self.floor)
         known = Known(self.floor, self.hope, *self.rows)
-        store = self._cleared(k)
-        if not probing:  # the root waits in the list of sample 0
-            store.head[0, 0] = 0
-            store.pool_next[0], store.pool_parent[0], store.pool_units[0] = -1, -1, 0
-            store.pool_p[0] = c.p0
-            store.counter[arrays.POOL] = 1
+        store = self._cleared(k) if probing else self.started(k)
         least = least_of_sets(self.first, self.last, c.units, self.hope)
         bin_epsilon = np.zeros(k + 1)
+        mode = arrays.PROBING if probing else arrays.PROVING
         for begin in range(0, t, CHUNK):
             if stop():
                 raise OutOfTime
             report(begin / t)
             sweep(begin, min(t, begin + CHUNK), k, c, known, store, least, effort.width,
-                         effort.slots, effort.epsilon, probing, bin_epsilon)  # fmt: skip
+                         effort.slots, effort.epsilon, mode, bin_epsilon)  # fmt: skip
             if store.counter[arrays.FULL]:
                 return False
         backward(c, store)
@@ -187,11 +192,27 @@ class Counting:
             self._store = new_store(self.course.failures)
         t, store = self.course.steps.shape[0], self._store
         store.counter[:] = 0
+        store.counter[arrays.NODES] = 1
+        store.node_need[arrays.END], store.node_t[arrays.END] = 0, -1
         store.counter[arrays.FREE] = -1
+        each = (k + 1) * (self.span + 2)
+        counts = arrays.COUNTS if arrays.COUNTS * each <= arrays.MOST_CROWDS else 0
         return store._replace(
             head=np.full((t + 1, k + 1), -1, dtype=np.int64),
             blind_node=np.full((2, k + 1, self.span + 2), -1, dtype=np.int64),
+            crowd_node=np.full((2, k + 1, counts, self.span + 2), -1, dtype=np.int64),
+            crowd_p=np.empty((2, k + 1, counts, self.span + 2, 3, 6)),
         )
+
+    def started(self, k: int) -> Store:
+        """Return the storage with the root waiting in the list of sample 0."""
+        store = self._cleared(k)
+        store.head[0, 0] = 0
+        store.pool_next[0], store.pool_parent[0], store.pool_units[0] = -1, -1, 0
+        store.pool_camera[0], store.pool_waited[0] = -1, False
+        store.pool_p[0] = self.course.p0
+        store.counter[arrays.POOL] = 1
+        return store
 
     def _learn(self, store: Store) -> None:
         """Take the free labels' needs into the table, and what the floor needs from them."""

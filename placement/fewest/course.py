@@ -6,8 +6,10 @@ import numpy as np
 
 from models.geometry import BoolArray, FloatArray, IntArray
 from placement.diagram.moves import TWINS, floor_information, three_columns, undominated
-from placement.fewest.arrays import KEY_BITS, Course
+from placement.fewest.arrays import KEY_BITS, MOST_UNITS, Course
+from placement.fewest.crowds import join_of_all
 from placement.fewest.pieces import MOST_LEVELS, in_pieces
+from placement.fewest.seconds import seconds_of
 from placement.objectives.navigation import WhiteDrive
 from placement.objectives.windows.filter import empty_messages, filter_forward
 from placement.objectives.windows.offsets import Views
@@ -47,14 +49,18 @@ def course_of(
     most: int,
     failures: int,
     views: Views | None,
+    group: IntArray | None = None,
 ) -> Course:
     """Lay out the drive and the cameras that none of the same price or cheaper exceeds.
+
+    group (c,) says which candidates exclude each other, by equal numbers of 0 or more.
 
     With persistent errors all that see something stay: offsets are not compared, and those of
     cameras in pieces are known: what is true of one piece by itself is not true of both.
     """
     views_of = drive
     pieces = in_pieces(drive, usable, units, 1.0 / limit)
+    price = units[pieces.owner] * pieces.per_unit
     drive, usable, units = pieces.drive, pieces.usable, pieces.units
     blocks = three_columns(drive)
     kept = []
@@ -64,9 +70,9 @@ def course_of(
         best = undominated(drive.indptr, drive.indices, blocks, usable & (units <= level))
         kept.append(best[units[best] == level])
     who = np.concatenate(kept) if kept else np.empty(0, dtype=np.int64)
-    if who.size >= 2**KEY_BITS - 1:
+    if 2 * who.size >= 2**KEY_BITS - 1:
         raise ValueError(
-            f"method tolerance needs fewer than {2**KEY_BITS - 1:,} useful candidates, "
+            f"method tolerance needs fewer than {2 ** (KEY_BITS - 1) - 1:,} useful candidates, "
             f"got {who.size:,}: coarsen mounts or poses"
         )
     first = drive.indices[drive.indptr[who]].astype(np.int64)
@@ -78,7 +84,20 @@ def course_of(
     for v, i in enumerate(who):
         row = slice(drive.indptr[i], drive.indptr[i + 1])
         dense[ptr[v] + drive.indices[row] - first[v]] = (1.0 + TWINS) * blocks[row]
-    base = views_of.total(given) + pieces.given
+    at = np.searchsorted(first, np.arange(drive.n_samples + 1)).astype(np.int64)
+    best = np.empty((drive.n_samples, 3))
+    join_of_all(at, ptr, dense, best)
+    plain = views_of.total(given)
+    # a mount's cameras exclude each other, but not the pieces of one of them
+    group = np.full(pieces.usable.size, -1) if group is None else group[pieces.owner]
+    lonely = np.where(pieces.single, group, -1)
+    left = np.setdiff1d(np.flatnonzero(usable & (np.diff(drive.indptr) > 0)), who)
+    laid_out = (ptr, dense, first, who, at)
+    second, stand_in = seconds_of(
+        drive.indptr, drive.indices, blocks, left, lonely, units, laid_out
+    )
+    names = np.concatenate([who, stand_in])
+    base = plain + pieces.given
     floor = base + (1.0 + 1e-9) * floor_information(drive, usable, max(most, 1))
     before, after, logs = empty_messages(drive.n_samples)
     filter_forward(drive.steps, drive.p0, floor, before, after, logs)
@@ -88,13 +107,23 @@ def course_of(
         base=base,
         ptr=ptr,
         blocks=dense,
-        at=np.searchsorted(first, np.arange(drive.n_samples + 1)).astype(np.int64),
+        best=best,
+        second=second,
+        twice=np.array(
+            [second[ptr[v] : ptr[v + 1]].any() for v in range(who.size)], dtype=np.bool_
+        ),
+        at=at,
+        first=first,
         units=units[who],
         per_unit=pieces.per_unit,
         settled=pieces.settled(),
         floor=before * (1.0 - 1e-12),
         limit=limit * (1.0 + ROUNDING),
         failures=int(failures),  # a bool would have every kernel compiled again
+        owner=pieces.owner[names],
+        group=group[names],
+        whole=np.where(pieces.worthiest[who], price[who], MOST_UNITS),
+        plain=plain,
         who=np.where(pieces.single[who], pieces.owner[who], -1),
         indptr=views_of.indptr,
         indices=views_of.indices,
@@ -106,5 +135,4 @@ def course_of(
 
 def spans(course: Course) -> tuple[IntArray, IntArray]:
     """Return the first and last sample (v,) of each camera."""
-    first = np.repeat(np.arange(course.steps.shape[0]), np.diff(course.at))
-    return first, first + np.diff(course.ptr) - 1
+    return course.first, course.first + np.diff(course.ptr) - 1

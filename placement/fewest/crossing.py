@@ -38,6 +38,35 @@ def one_step(p, base, j0, j1, j2):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def end_of(course, name):  # type: ignore[no-untyped-def]
+    """Return the sample after the last of a camera, or of a second copy of it."""
+    v = name % course.units.size
+    return course.first[v] + course.ptr[v + 1] - course.ptr[v]
+
+
+@njit(cache=True)
+def shares_mount(course, name, names, n):  # type: ignore[no-untyped-def]
+    """Return whether a camera and one of n others, as they are, exclude each other."""
+    for a in range(n):
+        other = names[a]
+        if course.owner[other] == course.owner[name]:
+            return True
+        if course.group[name] >= 0 and course.group[other] == course.group[name]:
+            return True
+    return False
+
+
+@njit(cache=True)
+def told(course, name, t):  # type: ignore[no-untyped-def]
+    """Return what a camera in view at t tells, or a second copy of it."""
+    v = name % course.units.size
+    e = course.ptr[v] + t - course.first[v]
+    if name < course.units.size:
+        return course.blocks[e, 0], course.blocks[e, 1], course.blocks[e, 2]
+    return course.second[e, 0], course.second[e, 1], course.second[e, 2]
+
+
+@njit(cache=True)
 def learn(m, n, j0, j1, j2, u, v):  # type: ignore[no-untyped-def]
     """Learn J about the position in a state (n, n) that carries offsets."""
     for i in range(n):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from numba import njit
 
 from placement.diagram.order import below
-from placement.fewest.arrays import ARCS, BLIND, FREE, FULL, MOST_UNITS, NODES, POOL
+from placement.fewest.arrays import ARCS, BLIND, END, FREE, FULL, MOST_UNITS, NODES, POOL, WAITED
 from placement.objectives.windows.filter import row6
 
 
@@ -47,9 +47,10 @@ def no_room(store, nodes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def record(store, parent, child, units):  # type: ignore[no-untyped-def]
-    """Add an arc."""
+def record(store, parent, child, units, camera):  # type: ignore[no-untyped-def]
+    """Add an arc: what it costs, and which camera is taken by it, −1 for none."""
     a = store.counter[ARCS]
+    store.arc_camera[a] = camera
     store.arc_from[a], store.arc_to[a], store.arc_units[a] = parent, child, units
     store.counter[ARCS] += 1
 
@@ -69,10 +70,10 @@ def new_node(store, t, p, past):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def deposit(course, known, store, k, parent, units, m, t, p, past):  # type: ignore[no-untyped-def]
+def deposit(course, known, store, k, parent, units, camera, m, t, p, past):  # type: ignore[no-untyped-def]
     """Leave a free label of price m for sample t, unless it is known to be too dear."""
     if t >= course.steps.shape[0]:
-        store.node_need[parent] = min(store.node_need[parent], units)
+        record(store, parent, END, units, camera)
         return
     m = settle(course, t, m)
     togo = needed(known, t, p, past, course.failures)
@@ -88,7 +89,8 @@ def deposit(course, known, store, k, parent, units, m, t, p, past):  # type: ign
             store.counter[FULL] = 1
             return
         store.counter[POOL] += 1
-    store.pool_parent[x], store.pool_units[x] = parent, units
+    store.pool_parent[x], store.pool_units[x], store.pool_camera[x] = parent, units, camera
+    store.pool_waited[x] = camera == WAITED
     for z in range(6):
         store.pool_p[x, 0, z] = p[z]
         store.pool_p[x, 1, z] = past[z]
@@ -105,7 +107,7 @@ def go_blind(store, parity, parent, units, m, length):  # type: ignore[no-untype
         n = new_node(store, -1, zero, zero)
         store.blind_node[parity, m, length] = n
     store.counter[BLIND] += 1
-    record(store, parent, n, units)
+    record(store, parent, n, units, -1)
 
 
 @njit(cache=True)

@@ -6,10 +6,13 @@ import numpy as np
 from numba import njit
 
 from placement.diagram.order import below, meet
-from placement.fewest.arrays import DEPTH, KEY_BITS
+from placement.fewest.arrays import DEPTH, FINDING, KEY_BITS, PROBING
 from placement.fewest.crossing import worth
 from placement.fewest.graph import record
 from placement.objectives.windows.filter import row6
+
+WAITING = 8  # labels that wait, for each that comes from a camera
+CLOSER = 0.02  # share of ε within which those that wait are merged
 
 
 @njit(cache=True)
@@ -51,14 +54,21 @@ def grown(free_p, free_rank, free_m, free_node, n, more):  # type: ignore[no-unt
 
 
 @njit(cache=True)
-def thin(n, p, rank, width, epsilon, probing, failures, assigned, kept_p, own_p, mm, vv):  # type: ignore[no-untyped-def]
-    """Merge n labels (n, 2, 6) into at most `width`; return how many, and the ε it took.
+def thin(  # type: ignore[no-untyped-def]
+    n, p, rank, waited, width, epsilon, mode, failures, assigned, kept_p, own_p, kept_waited, mm, vv
+):
+    """Merge n labels (n, 2, 6); return how many are left, and the ε it took.
 
-    When `probing`, labels far below others stay apart from them.
+    At most `width` of those that come from a camera are left, and `WAITING` times as many of those
+    that have `waited` (n,): they meet others at every sample, and what is lost adds up, so they
+    are merged only where they differ by little. When probing, labels far below others stay apart
+    from them; when finding, those that would be merged into others are left out, and assigned −1.
     """
+    probing, finding = mode == PROBING, mode == FINDING
     order = np.argsort(rank[:n])
     while True:
-        kept, fits = 0, True
+        kept, fresh, fits = 0, 0, True
+        near, nearer = 1.0 / (1.0 + epsilon), 1.0 / (1.0 + CLOSER * epsilon)
         for a0 in range(n):
             a = order[a0]
             q0, q1 = row6(p[a], 0), row6(p[a], 1)
@@ -70,10 +80,10 @@ def thin(n, p, rank, width, epsilon, probing, failures, assigned, kept_p, own_p,
                     found = b
                     break
             if found >= 0:
-                assigned[a] = found
+                assigned[a] = -1 if finding else found
                 continue
-            shrink = 1.0 / (1.0 + epsilon)
             for b in range(kept):
+                shrink = nearer if waited[a] or kept_waited[b] else near
                 if below(row6(own_p[b], 0), q0, shrink) and (
                     failures == 0 or below(row6(own_p[b], 1), q1, shrink)
                 ):
@@ -84,8 +94,9 @@ def thin(n, p, rank, width, epsilon, probing, failures, assigned, kept_p, own_p,
                         continue
                     found = b
                     break
-            if found < 0 and kept == width:
-                if epsilon < 1e3:
+            full = kept - fresh == WAITING * width if waited[a] else fresh == width
+            if found < 0 and full:
+                if epsilon < 1e5:
                     fits = False
                     break
                 found = 0
@@ -94,7 +105,12 @@ def thin(n, p, rank, width, epsilon, probing, failures, assigned, kept_p, own_p,
                     kept_p[kept, 0, x] = own_p[kept, 0, x] = q0[x]
                     kept_p[kept, 1, x] = own_p[kept, 1, x] = q1[x]
                 assigned[a] = kept
+                kept_waited[kept] = waited[a]
+                fresh += not waited[a]
                 kept += 1
+                continue
+            if finding:
+                assigned[a] = -1
                 continue
             r0 = lower(row6(kept_p[found], 0), q0, mm, vv)
             r1 = lower(row6(kept_p[found], 1), q1, mm, vv) if failures else r0
@@ -108,10 +124,11 @@ def thin(n, p, rank, width, epsilon, probing, failures, assigned, kept_p, own_p,
 
 
 @njit(cache=True)
-def put_set(store, side, slot_of, slots, m, n, ids, flag, node, p, scratch_m, scratch_v):  # type: ignore[no-untyped-def]
+def put_set(store, side, slot_of, slots, m, n, ids, flag, node, p, mode, scratch_m, scratch_v):  # type: ignore[no-untyped-def]
     """Put a label of a set on the next sample's list, merged with those of the same set.
 
-    Return False where there is no room.
+    When finding, of two that would be merged the one that looks better stays. Return False where
+    there is no room.
     """
     scenarios = p.shape[0]
     key = np.int64(2 if flag else 1)
@@ -150,11 +167,17 @@ def put_set(store, side, slot_of, slots, m, n, ids, flag, node, p, scratch_m, sc
         store.set_next[s] = store.key_first[h]
         store.key_first[h] = s
         return True
+    if mode == FINDING:
+        own = store.set_p[side, best]
+        if rank < worth(own[0]) + (worth(own[1]) if scenarios > 1 else 0.0):
+            store.set_node[side, best], store.set_flag[side, best] = node, flag
+            own[:] = p
+        return True
     for c in range(scenarios):
         if c >= 2 + n:
             break
         r = lower(row6(store.set_p[side, best], c), row6(p, c), scratch_m, scratch_v)
         for x in range(6):
             store.set_p[side, best, c, x] = r[x]
-    record(store, node, store.set_node[side, best], 0)
+    record(store, node, store.set_node[side, best], 0, -1)
     return True

@@ -28,7 +28,7 @@ class Pieces:
 
     owner (p,): whose it is. single (p,): whether it is all that its camera sees. units (p,): its
     share of the price, `per_unit` to a unit of before; what got no share is not usable, and is
-    given to everybody: blocks `given` (t, 3).
+    given to everybody: blocks `given` (t, 3). worthiest (p,): each camera's piece that tells most.
     """
 
     drive: WhiteDrive
@@ -38,6 +38,7 @@ class Pieces:
     units: IntArray
     per_unit: int
     given: FloatArray
+    worthiest: BoolArray
 
     def settled(self) -> BoolArray:
         """Return for each sample (t + 1,) whether no camera has a piece before it and one after.
@@ -86,11 +87,21 @@ def in_pieces(drive: WhiteDrive, usable: BoolArray, units: IntArray, enough: flo
     lap[row[1:][gap > drive.n_samples // 2]] = True
     room = int(units[usable].max(initial=1)) * PARTS <= MOST_LEVELS
     per_unit = PARTS if room and (usable[owner] & ~single & ~lap[owner]).any() else 1
-    share = shares(np.log1p(told / enough), owner, units * per_unit, lap)
+    weight = np.log1p(told / enough)
+    share = shares(weight, owner, units * per_unit, lap)
     given = np.zeros((drive.n_samples, 3))
     free = (usable[owner] & (share == 0))[np.cumsum(start) - 1]
     np.add.at(given, seen[free], blocks[free])
-    return Pieces(part, usable[owner] & (share > 0), owner, single, share, per_unit, given)
+    usable = usable[owner] & (share > 0)
+    return Pieces(part, usable, owner, single, share, per_unit, given, worthiest(weight, owner))
+
+
+def worthiest(worth: FloatArray, owner: IntArray) -> BoolArray:
+    """Return for each piece (p,) whether it is the worthiest of its owner's."""
+    order = np.lexsort((worth, owner))
+    out = np.zeros(owner.size, dtype=np.bool_)
+    out[order] = np.append(owner[order][1:] != owner[order][:-1], True)[: order.size]
+    return out
 
 
 def shares(worth: FloatArray, owner: IntArray, units: IntArray, lap: BoolArray) -> IntArray:
@@ -102,10 +113,8 @@ def shares(worth: FloatArray, owner: IntArray, units: IntArray, lap: BoolArray) 
     total = np.bincount(owner, worth, units.size)[owner]
     price = units[owner]
     share = np.maximum(1, (worth / np.maximum(total, 1e-300) * price).astype(np.int64))
-    order = np.lexsort((worth, owner))
-    worthiest = np.zeros(owner.size, dtype=np.bool_)
-    worthiest[order] = np.append(owner[order][1:] != owner[order][:-1], True)[: order.size]
-    others = np.bincount(owner, np.where(worthiest, 0, share), units.size).astype(np.int64)[owner]
-    share = np.where(worthiest, price - others, share)
+    best = worthiest(worth, owner)
+    others = np.bincount(owner, np.where(best, 0, share), units.size).astype(np.int64)[owner]
+    share = np.where(best, price - others, share)
     short = (others >= price) | lap[owner]
-    return np.where(short, np.where(worthiest, price, 0), share)
+    return np.where(short, np.where(best, price, 0), share)

@@ -17,12 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from models.geometry import FloatArray, IntArray
+from models.geometry import BoolArray, FloatArray, IntArray
 from placement.constraints import Constraints
 from placement.fewest.arrays import MOST_UNITS
 from placement.fewest.beam import SAME, Beam, spans_of
 from placement.fewest.bound import EFFORTS, Counting
 from placement.fewest.course import whole_units
+from placement.fewest.finding import tries
 from placement.objectives.tolerance import Tolerance, white_part
 from placement.objectives.windows.offsets import views_of
 from placement.problem import Problem, Run
@@ -49,6 +50,25 @@ def solve_tolerance(problem: Problem, run: Run) -> Proposal:
     return Search(problem, problem.objective, run).explore()
 
 
+@dataclass(frozen=True, slots=True)
+class Priced:
+    """Prices in whole units: free (c,) who may be chosen, given: who stands without being paid."""
+
+    free: BoolArray
+    given: IntArray
+    units: IntArray
+    unit: float
+    spent: float
+
+    def price(self, units: int) -> float:
+        """Return the price of a placement of so many units, the required cameras included."""
+        return self.spent + self.unit * units
+
+    def within(self, price: float) -> int:
+        """Return the least number of units that reaches a price."""
+        return math.ceil(round((price - self.spent) / self.unit, 6))
+
+
 @dataclass(slots=True)
 class Search:
     """The incumbent, the bounds of the drives, and what was proven."""
@@ -60,6 +80,7 @@ class Search:
     price: float = math.inf
     need: float = 0.0
     stats: dict[str, Any] = field(default_factory=dict)
+    _kept: tuple[IntArray, Counting] | None = None
 
     def explore(self) -> Proposal:
         """Construct, prove, construct again; say what came of it."""
@@ -73,7 +94,9 @@ class Search:
                 break
         if self.incumbent is None:
             return self._give_up()
+        self._find(SHARE * self.run.remaining())
         finished = self._prove(self.objective.cost, self.price)
+        self._find(self.run.remaining())
         for width in WIDER:
             if self._closed() or self._stop():
                 break
@@ -110,6 +133,32 @@ class Search:
         better = improved(self.objective, constraints, found, self._stop)
         self._offer(better)
 
+    def _find(self, seconds: float) -> None:
+        """Look for cheaper placements by sweeps, while they find any, for so many seconds."""
+        if len(self.objective.drives) > 1:  # a sweep knows of one drive
+            return
+        until = self.run.remaining() - seconds
+        priced = self._priced(self.objective.cost)
+        required = self.problem.constraints.required
+        counting = self._counting(0, priced, self.price)
+        self._raise(priced.price(counting.need))
+
+        def stop() -> bool:
+            return self._stop() or self.run.remaining() <= until
+
+        better = True
+        while better and not self._closed() and not stop():
+            better = False
+            own = np.setdiff1d(np.array(self.incumbent, dtype=np.int64), required)
+            self.run.progress(f"{self._worded(self.price)} known to do, looking for fewer", None)
+            for found in tries(counting, own, priced.units, stop):
+                before, chosen = self.price, np.union1d(found, required).astype(np.int64)
+                if self.objective.feasible(chosen):
+                    self._offer(chosen.tolist())
+                if self.price < before - SAME:
+                    better = True
+                    break
+
     def _offer(self, selected: list[int]) -> None:
         price = self.objective.price(selected)
         if price < self.price - SAME and not self.problem.constraints.violations(selected):
@@ -118,27 +167,14 @@ class Search:
 
     def _prove(self, cost: FloatArray, ceiling: float) -> bool:
         """Raise the lower bound of every drive up to `ceiling`; return whether time sufficed."""
-        o, constraints = self.objective, self.problem.constraints
-        usable = constraints.usable()
-        required = np.unique(constraints.required)
-        usable[required] = False
-        units, unit = whole_units(cost, usable)
-        given = np.union1d(required, np.flatnonzero(usable & (units == 0)))
-        spent = math.fsum(cost[required])
-        most = math.ceil(round((ceiling - spent) / unit, 6))
-        free = usable & (units > 0)
+        o, priced = self.objective, self._priced(cost)
         finished = True
-        for n, drive in enumerate(o.drives):
-            counting = Counting(
-                white_part(drive), o.limit, free, given, units,
-                constraints.budget - required.size, o.failures,
-                views_of(drive) if drive.persistent else None,
-            )  # fmt: skip
-
+        for n in range(len(o.drives)):
+            counting = self._counting(n, priced, ceiling)
             text = f"drive {n + 1}: " if len(o.drives) > 1 else ""
 
             def tell(effort: int, share: float, c: Counting = counting, text: str = text) -> None:
-                self._raise(spent + unit * c.need)
+                self._raise(priced.price(c.need))
                 step = f"effort {effort + 1} of {len(EFFORTS)}" if effort >= 0 else "probing"
                 self.run.progress(
                     f"{text}at least {self._worded(self.need)}, {self._worded(self.price)} known "
@@ -146,11 +182,37 @@ class Search:
                     share,
                 )
 
-            self._raise(spent + unit * counting.need)
-            finished &= counting.prove(most, self._stop, tell)
-            self._raise(spent + unit * counting.need)
+            self._raise(priced.price(counting.need))
+            finished &= counting.prove(priced.within(ceiling), self._stop, tell)
+            self._raise(priced.price(counting.need))
             self.stats["labels"] = self.stats.get("labels", 0) + counting.labels
         return finished
+
+    def _priced(self, cost: FloatArray) -> Priced:
+        """Return the candidates' prices in whole units, and who stands in any case."""
+        constraints = self.problem.constraints
+        usable = constraints.usable()
+        required = np.unique(constraints.required)
+        usable[required] = False
+        units, unit = whole_units(cost, usable)
+        given = np.union1d(required, np.flatnonzero(usable & (units == 0)))
+        return Priced(usable & (units > 0), given, units, unit, math.fsum(cost[required]))
+
+    def _counting(self, n: int, priced: Priced, ceiling: float) -> Counting:
+        """Return the sweeps of drive n; those of a single drive are kept, with what they know."""
+        if self._kept is not None and np.array_equal(self._kept[0], priced.units):
+            return self._kept[1]
+        o, constraints = self.objective, self.problem.constraints
+        drive = o.drives[n]
+        most = constraints.budget - np.unique(constraints.required).size
+        counting = Counting(
+            white_part(drive), o.limit, priced.free, priced.given, priced.units,
+            max(min(most, priced.within(ceiling)), 1), o.failures,
+            views_of(drive) if drive.persistent else None, constraints.group,
+        )  # fmt: skip
+        if len(o.drives) == 1:
+            self._kept = (priced.units, counting)
+        return counting
 
     def _raise(self, need: float) -> None:
         """Take note of a proven price; units round down, so it may lie below the incumbent's."""
