@@ -45,7 +45,7 @@ from placement.roadway import STREETS
 
 PATH_TOLERANCE = 1e-5
 # Poses times samples up to which a bound is derived: plain NumPy looks through every pair.
-MOST_PAIRS = 2_000_000_000
+MOST_PAIRS = 250_000_000
 # Bounds that are taken on trust, and why.
 NOT_DERIVED = {
     "tolerance": "its labels are not followed here",
