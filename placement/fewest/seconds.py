@@ -37,7 +37,7 @@ def seconds_of(
     if _join(indptr, indices, blocks, left, group, price, ptr, dense, first, who, at, out, told,
              most):  # fmt: skip
         return out, most
-    return dense, most
+    return dense, who
 
 
 @njit(cache=True)
