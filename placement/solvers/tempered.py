@@ -10,7 +10,7 @@ stage has a valid bound while it runs, and `stats["bounds"]` tells what each has
 
 Cameras with persistent offsets go the same way. Their background is white, of cameras that stand in
 for them (`placement.tempered.background`), and the relaxation, which is dear and weak for them,
-has a fifth of the time.
+has a tenth of the time.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ WORTH_IT = 0.8  # go on while a pass leaves fewer than this share of the arcs
 # with persistent errors: shares, and multiples of the background
 PERSISTENT_SHARES = (1.0, 0.98, 0.95, 0.9, 0.8, 0.6, 0.4)
 SCALES = (1.0, 0.3)
-RELAXED_SHARE = 0.2  # of the time left, for the relaxation of persistent errors
+RELAXED_SHARE = 0.1  # of the time left, for the relaxation of persistent errors
 MOST_PAIRS = 5e8  # bytes of first-order gains; a line longer than 11,000 is not bounded by chains
 MOST_TRIPLES = 250_000_000  # second-order gains held at one time: 1 GB
 DONE = 1e-7  # relative gap that counts as closed: a tenth of what `optimal` asks for
@@ -146,8 +146,7 @@ class Proof:
         self.run.progress("solving the concave relaxation", None)
         relaxation = self.inner
         if not self.white:
-            limit = time.monotonic() + RELAXED_SHARE * min(self.inner.remaining(), 1e6)
-            relaxation = Run(self.run.rng, deadline=min(limit, self.inner.deadline))
+            relaxation = self._for_a_share(RELAXED_SHARE)
         found = best_fraction(
             self.objective,
             choice,

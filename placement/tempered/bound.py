@@ -280,9 +280,18 @@ class SecondOrder:
         more = float(np.max(self.F + self.ends[self.arcs.target], initial=-np.inf))
         return float(self.first.as_bound(np.array([max(few, one, more)]))[0])
 
-    def after(self, further: int, arcs: IntArray) -> FloatArray:
-        """Return what at most `further` cameras can add behind each of `arcs` (m,)."""
-        found: FloatArray = self.B[further][arcs]
+    def begin(self) -> IntArray:
+        """Return the states that arcs (m,) lead to from the start of a path: themselves."""
+        return np.arange(len(self.arcs.source))
+
+    def follow(self, camera: int, _state: int) -> tuple[IntArray, BoolArray]:
+        """Return the arcs out of a camera, and that all of them may be followed."""
+        found = self.arcs.out[self.arcs.out_of[camera] : self.arcs.out_of[camera + 1]]
+        return found, np.ones(len(found), dtype=np.bool_)
+
+    def after(self, further: int, reached: IntArray) -> FloatArray:
+        """Return what at most `further` cameras can add behind each of the arcs `reached`."""
+        found: FloatArray = self.B[further][reached]
         return found
 
     def path(self) -> IntArray:

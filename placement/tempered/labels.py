@@ -37,11 +37,18 @@ class Labels(NamedTuple):
 
 
 class Hope(NamedTuple):
-    """What each camera costs, what may come beyond it (n,), and what all must be worth."""
+    """What each camera costs, what may come beyond it (n,), and what all must be worth.
+
+    Paths are told apart by `grades` of the `span` by which they may exceed that. `spare`: see
+    `pass_on`.
+    """
 
     price: float
     beyond: FloatArray
     need: float
+    span: float
+    grades: int
+    spare: float
 
 
 @njit(cache=True)
@@ -109,15 +116,21 @@ def above(a, b, m, v):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def pass_on(labels, at, p, m, v):  # type: ignore[no-untyped-def]
-    """Let label `at` of `labels` (s, 6) stand for covariance `p` (6,), too."""
+def pass_on(labels, at, p, spare, m, v):  # type: ignore[no-untyped-def]
+    """Let label `at` of `labels` (s, 6) stand for covariance `p` (6,), too.
+
+    What changes is made larger by a share `spare`, so that what comes next and is much the same is
+    below it at once.
+    """
     if labels[at, 0] == EMPTY:
         put6(labels, at, p)
         return
     kept = row6(labels, at)
     if below(p, kept, 1.0):
         return
-    put6(labels, at, p if below(kept, p, 1.0) else above(kept, p, m, v))
+    u = p if below(kept, p, 1.0) else above(kept, p, m, v)
+    f = 1.0 + spare
+    put6(labels, at, (f * u[0], f * u[1], f * u[2], f * u[3], f * u[4], f * u[5]))
 
 
 @njit(cache=True)
@@ -150,12 +163,9 @@ def pass_labels(  # type: ignore[no-untyped-def]
     alone,
     weight,
     single,
+    fresh,
     pairs,
-    out_of,
-    target,
-    enters,
-    state_of,
-    gain_at,
+    layout,
     early_at,
     hope,
     nodes,
@@ -164,24 +174,24 @@ def pass_labels(  # type: ignore[no-untyped-def]
 ):
     """Add `weight` times the gains of each camera's followers to `gains`, for j in `nodes`.
 
-    Arcs are sorted by source: those out of j are `out_of[j]:out_of[j + 1]`, with their `target` and
-    the label of the target that they pass on to, `enters`. The labels of j are the rows
-    `state_of[j]:state_of[j + 1]` of `labels.entry` and `labels.early` (s, 6), at j's first sample
-    and at `early_at[j]`, the first of any that may follow; the first of them stands for the path
-    that begins with j. The gains of arc e, a label each, begin at `gain_at[e]`, and are no more
-    than `pairs` (n, n). `rows`, `whole`, `alone`: as for pairs.
+    The labels of j are the rows `layout.state_of[j]` … of `labels.entry` and `labels.early` (s, 6),
+    at j's first sample and at `early_at[j]`, the first of any that may follow; the first of them
+    stands for the path that begins with j. Gains are no more than `pairs` (n, n). `rows`, `whole`,
+    `alone`: as for pairs. `layout.leads` is filled on the first drive (`fresh`).
 
-    `labels.so_far` (s,) is the best of any path into a label, each camera at a price: with `hope`
-    (price, beyond (n,), need), an arc on from it is left out, at −∞, where even with the best
-    `beyond` it falls short of `need`. Where there is a `single` drive the gains themselves count
-    towards it, else `pairs`.
+    `labels.so_far` (s,) is the best of any path into a label, each camera at a price: an arc on
+    from it is left out, at −∞, where even with the best `hope.beyond` it falls short of
+    `hope.need`. Where there is a `single` drive the gains themselves count, else `pairs`.
     """
+    out_of, target = layout.out_of, layout.target
+    state_of, gain_at = layout.state_of, layout.gain_at
     first, last = cameras.first, cameras.last
     samples = process.prior.shape[0]
     most = 1
     for j in nodes:
         most = max(most, state_of[j + 1] - state_of[j])
     by = np.empty((most, samples, 6))
+    scratch = np.empty(ROW), np.empty((3, 3)), np.empty((3, 3))
     for j in nodes:
         begin, end = out_of[j], out_of[j + 1]
         low, n_labels = state_of[j], state_of[j + 1] - state_of[j]
@@ -198,8 +208,8 @@ def pass_labels(  # type: ignore[no-untyped-def]
             _run_labels(j, process, cameras, labels, low, n_labels, farthest, by)
         for m in range(begin, end):
             _gains_of_arc(
-                j, m, process, cameras, rows, whole, alone, weight, single, pairs, target, enters,
-                state_of, gain_at, early_at, hope, labels, by, gains,
+                j, m, process, cameras, rows, whole, alone, weight, single, fresh, pairs, layout,
+                early_at, hope, labels, by, scratch, gains,
             )  # fmt: skip
 
 
@@ -219,24 +229,22 @@ def _run_labels(j, process, cameras, labels, low, n_labels, farthest, by):  # ty
 
 @njit(cache=True)
 def _gains_of_arc(  # type: ignore[no-untyped-def]
-    j, e, process, cameras, rows, whole, alone, weight, single, pairs, target, enters,
-    state_of, gain_at, early_at, hope, labels, by, gains,
+    j, e, process, cameras, rows, whole, alone, weight, single, fresh, pairs, layout,
+    early_at, hope, labels, by, scratch, gains,
 ):  # fmt: skip
-    k = target[e]
-    low, n_labels = state_of[j], state_of[j + 1] - state_of[j]
-    into = state_of[k] + enters[e]
+    k = layout.target[e]
+    low = layout.state_of[j]
     first_j, last_j, first_k, last_k = (
         cameras.first[j], cameras.last[j], cameras.first[k], cameras.last[k],
     )  # fmt: skip
     meets = last_j >= 0 and last_k >= 0 and whole[k] and first_k <= last_j
     s = min(first_j, first_k)
-    row = np.empty(ROW)
+    row, mm, vv = scratch
     crossed = False
-    mm, vv = np.empty((3, 3)), np.empty((3, 3))
     # what a path into j must be worth for the arc to k to be any use
     least = hope.need - hope.beyond[k] + hope.price
-    for c in range(n_labels):
-        at, so_far = gain_at[e] + c, labels.so_far[low + c]
+    for c in range(layout.state_of[j + 1] - low):
+        at, so_far = layout.gain_at[e] + c, labels.so_far[low + c]
         if gains[at] == -np.inf:
             continue
         if so_far + pairs[j, k] < least or so_far == -np.inf:
@@ -247,9 +255,12 @@ def _gains_of_arc(  # type: ignore[no-untyped-def]
         if last_j < 0:
             at_0 = prior_at(process, early_at[k])
         elif last_k >= 0:
-            e_j, e_0 = row6(labels.entry, low + c), row6(labels.early, low + c)
-            at_k = car_at(process, first_k, by[c], first_j, last_j, e_0, e_j, early_at[j])
-            at_0 = car_at(process, early_at[k], by[c], first_j, last_j, e_0, e_j, early_at[j])
+            e_j = e_0 = row6(labels.entry, low + c)
+            if early_at[j] < first_j:
+                e_0 = row6(labels.early, low + c)
+            at_k = at_0 = car_at(process, first_k, by[c], first_j, last_j, e_0, e_j, early_at[j])
+            if early_at[k] < first_k:
+                at_0 = car_at(process, early_at[k], by[c], first_j, last_j, e_0, e_j, early_at[j])
             if whole[k] and meets:
                 if not crossed:
                     two = np.array([j, k])
@@ -271,6 +282,14 @@ def _gains_of_arc(  # type: ignore[no-untyped-def]
             gains[at] = -np.inf
             continue
         gains[at] = total
+        if fresh:
+            # how much of what may be wasted has not been
+            grade = 0
+            if hope.grades > 1:
+                grade = min(int(hope.grades * (so_far - least) / hope.span), hope.grades - 1)
+            layout.leads[at] = layout.base[e] + grade
+        into = layout.state_of[k] + layout.leads[at]
         labels.so_far[into] = max(labels.so_far[into], so_far - hope.price)
-        pass_on(labels.entry, into, at_k, mm, vv)
-        pass_on(labels.early, into, at_0, mm, vv)
+        pass_on(labels.entry, into, at_k, hope.spare, mm, vv)
+        if early_at[k] < first_k:
+            pass_on(labels.early, into, at_0, hope.spare, mm, vv)

@@ -41,12 +41,13 @@ def search(
     if budget < 2:
         return False
     offer(np.empty(0, dtype=np.int64))
-    for i in np.flatnonzero(np.isfinite(first.alone + second.ends)):
+    for i in np.flatnonzero(np.isfinite(first.alone + first.ends)):
         offer(line.candidate[[i]])
-    reach = second.start + second.after(budget - 2, np.arange(len(arcs.source)))
+    begun, may_end = second.begin(), first.ends
+    reach = second.start + second.after(budget - 2, begun)
     order = np.flatnonzero(reach >= first.threshold(beat()))
     heap: list[tuple[float, tuple[int, ...], int]] = [
-        (-float(reach[a]), (int(arcs.source[a]), int(arcs.target[a])), int(a)) for a in order
+        (-float(reach[a]), (int(arcs.source[a]), int(arcs.target[a])), int(begun[a])) for a in order
     ]
     heapq.heapify(heap)
     expanded = 0
@@ -59,11 +60,11 @@ def search(
             report(float(first.as_bound(np.array([top]))[0]))
             if run.out_of_time() or len(heap) > MOST_OPEN or expanded > MOST_EXPANDED:
                 return False
-        negative, path, _ = heapq.heappop(heap)
+        negative, path, state = heapq.heappop(heap)
         expanded += 1
         j = path[-1]
         chosen = line.candidate[list(path)]
-        if second.ends[j] == 0.0 and not constraints.violations(chosen):
+        if may_end[j] == 0.0 and not constraints.violations(chosen):
             offer(chosen)
         following = arcs.out[arcs.out_of[j] : arcs.out_of[j + 1]]
         if len(path) == budget or not following.size:
@@ -72,12 +73,12 @@ def search(
         groups = line.group[list(path)]
         free = ~np.isin(line.group[targets], groups[groups >= 0])
         held = np.array(path, dtype=np.int64)
-        total = gains_beyond(second, held, targets) + second.after(
-            budget - len(path) - 1, following
-        )
+        reached, alive = second.follow(j, state)
+        total = gains_beyond(second, held, targets)
+        total += second.after(budget - len(path) - 1, reached)
         total = np.minimum(total, -negative)
-        for m in np.flatnonzero(free & (total >= first.threshold(beat()))):
-            heapq.heappush(heap, (-float(total[m]), (*path, int(targets[m])), int(following[m])))
+        for m in np.flatnonzero(free & alive & (total >= first.threshold(beat()))):
+            heapq.heappush(heap, (-float(total[m]), (*path, int(targets[m])), int(reached[m])))
     report(beat())
     return True
 

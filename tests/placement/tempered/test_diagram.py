@@ -12,10 +12,10 @@ from benchmarks.synthetic_drives import random_drive
 from models.geometry import FloatArray
 from placement.constraints import Constraints
 from placement.objectives.entropy import Entropy
-from placement.tempered import labels
+from placement.tempered import labels, paths
 from placement.tempered.background import background_of, stand_in
 from placement.tempered.bound import SecondOrder, Tempered, make_line
-from placement.tempered.diagram import Diagram, enter
+from placement.tempered.diagram import Diagram, lay_out
 from tests.placement.tempered.test_bound import new_run
 from tests.placement.tempered.test_persistent import Dense
 
@@ -63,10 +63,14 @@ def test_above_of_a_singular_covariance_is_the_sum(singular: FloatArray) -> None
     assert unpacked(u) == pytest.approx(singular + b)
 
 
-def test_predecessors_share_labels_in_their_order() -> None:
-    entered, n_labels = enter(np.array([0, 0, 1, 6]), 2)
-    assert list(n_labels) == [1, 2, 3]
-    assert list(entered) == [1, 1, 1, 1, 2, 2]
+def test_predecessors_share_places_in_their_order() -> None:
+    alive = np.triu(np.ones((4, 4), dtype=np.bool_), 1)
+    layout = lay_out(paths.lay_out(alive), 2, 3)
+    assert list(np.diff(layout.state_of)) == [1, 4, 7, 7]
+    # arcs sorted by source: 0→1, 0→2, 0→3, 1→2, 1→3, 2→3
+    assert list(layout.base) == [1, 1, 1, 4, 1, 4]
+    assert list(np.diff(layout.gain_at)) == [1, 1, 1, 4, 4, 7]
+    assert list(layout.target[layout.place]) == [1, 2, 2, 3, 3, 3]
 
 
 @pytest.mark.parametrize("offsets", [0, 2])
@@ -84,7 +88,11 @@ def test_gains_are_above_those_given_the_whole_of_any_path(
     first = Tempered(objective, line, 5, share, background, new_run())
     chain = SecondOrder(first, -np.inf) if second else None
     diagram = Diagram(first, width, -np.inf, chain)
-    arcs = diagram.arcs
+    layout = diagram.layout
+
+    def arc(h: int, i: int) -> int:
+        out = np.arange(layout.out_of[h], layout.out_of[h + 1])
+        return int(out[layout.target[out] == i][0])
 
     @functools.cache
     def score(*positions: int) -> float:
@@ -95,12 +103,9 @@ def test_gains_are_above_those_given_the_whole_of_any_path(
         for path in itertools.combinations(range(8), r + 1):
             *before, j, k = path
             label = 0
-            if before:
-                into = np.arange(arcs.into[j], arcs.into[j + 1])
-                label = int(diagram.enters[into[arcs.source[into] == before[-1]][0]])
-            out = np.arange(arcs.out_of[j], arcs.out_of[j + 1])
-            e = int(out[arcs.target[arcs.out[out]] == k][0])
-            gain = float(diagram.gains[diagram.gain_at[e] + label])
+            for h, i in itertools.pairwise((*before, j)):
+                label = int(layout.leads[layout.gain_at[arc(h, i)] + label])
+            gain = float(diagram.gains[layout.gain_at[arc(j, k)] + label])
             want = score(*path) - score(*before, j)
             assert gain >= want - 1e-10
             slack.append(gain - want)
