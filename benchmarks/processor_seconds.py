@@ -9,6 +9,7 @@ earlier than it need, which leaves its bounds valid and at most looser.
 
 from __future__ import annotations
 
+import argparse
 import runpy
 import sys
 import time
@@ -17,12 +18,13 @@ from unittest.mock import patch
 
 def main() -> None:
     """Run the module named first with the arguments after it."""
-    if len(sys.argv) < 2:
-        raise SystemExit("wanted the name of a module, as in benchmarks.entropy_bounds")
-    module = sys.argv[1]
-    sys.argv = sys.argv[1:]
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("module", help="the name of a module, as in benchmarks.entropy_bounds")
+    parser.add_argument("options", nargs=argparse.REMAINDER, help="what that module is given")
+    given = parser.parse_args()
+    sys.argv = [given.module, *given.options]
     with patch.object(time, "monotonic", time.process_time):
-        runpy.run_module(module, run_name="__main__", alter_sys=True)
+        runpy.run_module(given.module, run_name="__main__", alter_sys=True)
 
 
 if __name__ == "__main__":

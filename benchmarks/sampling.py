@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import statistics
 import sys
 import time
@@ -30,6 +31,7 @@ def sampling_table(samples: int = 1_000_000, repeats: int = 5) -> list[tuple[str
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     sys.stdout.write("| lens | million samples a second |\n| --- | --- |\n")
     for lens, speed in sampling_table():
         sys.stdout.write(f"| {lens} | {speed:.1f} |\n")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import math
 import tempfile
 from collections.abc import Callable, Iterator
@@ -144,6 +145,7 @@ TABLES: dict[str, Callable[[Read], str]] = {
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         run(Path(scratch))
         document = fill_document(DOCUMENT.read_text(encoding="utf-8"), Path(scratch))
