@@ -29,6 +29,7 @@ from placement.tempered.states import Layout
 NODES = 16  # cameras between two looks at the clock
 MANY = 5_000_000  # gains, from which on labels are merged more roughly
 SPARE = 1e-5  # share by which merged labels are larger than they need be
+KEPT = 60_000_000  # gains that there is room for: with where they lead, 300 MB
 COUNTED = 20_000_000  # gains, beyond which cameras have a price instead of being counted
 MOST_GRADES = 4  # labels by what has been wasted
 WIDEST = 200  # labels of a camera: their numbers are bytes
@@ -49,7 +50,9 @@ class Diagram:
     second: SecondOrder | None = None
     price: float = -1.0
     beyond: FloatArray | None = None
+    kept: bool = field(init=False)
     counted: bool = field(init=False)
+    good: BoolArray = field(init=False)  # (m,) arcs, by source, that are not left out
     arcs: Arcs = field(init=False)
     layout: Layout = field(init=False)
     gains: NDArray[np.float32] = field(init=False)
@@ -73,10 +76,15 @@ class Diagram:
             grades = int(np.clip(np.ceil(2.0 * span / self.price), 1, MOST_GRADES))
         self.arcs = paths.lay_out(line.alive)
         grades = min(grades, self.width)
+        single = len(first.drives) == 1
         self.layout = layout = lay_out(self.arcs, min(self.width, WIDEST) // grades, grades)
-        self.gains = np.zeros(len(layout.leads), dtype=np.float32)
-        self.counted = self.gains.size <= COUNTED
-        spare = SPARE if self.gains.size < MANY else 100.0 * SPARE
+        wanted = int(layout.gain_at[-1])
+        self.kept, self.counted = wanted <= KEPT or not single, wanted <= COUNTED
+        room = wanted if self.kept else self.width + 1
+        self.layout = layout = layout._replace(leads=np.zeros(room, dtype=np.uint8))
+        self.gains = np.zeros(room, dtype=np.float32)
+        self.good = np.zeros(len(layout.target), dtype=np.bool_)
+        spare = SPARE if wanted < MANY else 100.0 * SPARE
         hope = Hope(self.price, self.beyond, need, max(span, 1e-300), grades, spare)
         for number, d in enumerate(first.drives):
             early_at = d.narrow.first.copy()
@@ -87,10 +95,12 @@ class Diagram:
                 paths.stop_in_time(first.run)
                 pass_labels(
                     d.process, d.narrow, d.rows, d.whole, d.alone, d.weight,
-                    len(first.drives) == 1, number == 0, first.pairs, layout, early_at, hope,
-                    np.arange(begin, min(begin + NODES, line.candidate.size)), found, self.gains,
+                    single, number == 0, first.pairs, layout, early_at, hope,
+                    np.arange(begin, min(begin + NODES, line.candidate.size)), found, self.kept,
+                    self.gains, self.good,
                 )  # fmt: skip
-        if self.second is not None:
+            self.forward = found.so_far
+        if self.second is not None and self.kept:
             states.cap_by_second(layout, self.arcs.triple, self.second.gains, self.gains)
         self.ends = np.repeat(first.ends, np.diff(layout.state_of))
         self._best_paths()
@@ -103,15 +113,19 @@ class Diagram:
 
     def _best_paths(self) -> None:
         first, layout = self.first, self.layout
+        self.F = self.B = np.empty((0, self.ends.size))
+        if not self.kept:
+            return
         self.back = states.priced_back(layout, self.gains, first.ends, self.price)
         self.forward = states.priced_forward(layout, self.gains, first.alone, self.price)
         # labels differ from diagram to diagram, cameras do not
         self.beyond = np.maximum.reduceat(self.back, layout.state_of[:-1])
-        k = first.budget if self.counted else 0
+        if not self.counted:
+            return
+        k = first.budget
         self.F, self.B = np.empty((k, self.ends.size)), np.empty((k, self.ends.size))
-        if self.counted:
-            self.F[0], self.B[0] = -np.inf, self.ends
-            self.F[0, layout.state_of[:-1]] = first.alone
+        self.F[0], self.B[0] = -np.inf, self.ends
+        self.F[0, layout.state_of[:-1]] = first.alone
         for level in range(1, k):
             paths.stop_in_time(first.run)
             self.F[level] = states.step_forward(layout, self.gains, self.F[level - 1])
@@ -166,9 +180,11 @@ class Diagram:
         line, arcs = self.first.line, self.arcs
         least = self.first.threshold(beat)
         need = least - self.first.budget * self.price
-        good = states.reaching_priced(
-            self.layout, self.gains, self.forward, self.back, self.price, need
-        )
+        good = self.good.copy()
+        if self.kept:
+            good &= states.reaching_priced(
+                self.layout, self.gains, self.forward, self.back, self.price, need
+            )
         if self.counted:
             good &= states.reaching(self.layout, self.gains, self.F, self.B, least)
         alive: BoolArray = np.zeros_like(line.alive)
@@ -209,5 +225,5 @@ def lay_out(arcs: Arcs, places: int, grades: int) -> Layout:
         (1 + share * grades)[arcs.out].astype(np.int64),
         np.concatenate([[0], np.cumsum(labels)]).astype(np.int64),
         gain_at,
-        np.zeros(int(gain_at[-1]), dtype=np.uint8),
+        np.empty(0, dtype=np.uint8),
     )

@@ -110,11 +110,13 @@ def hold_diagrams(
     assert whole.counted
     assert whole.bound() >= best - 1e-12
     assert whole.bound() <= first.bound() * (1.0 + 1e-6) + 1e-6
-    with patch.object(diagrams, "COUNTED", -1):
-        priced = Diagram(first, width, beat)
-    assert not priced.counted
-    assert max(priced.bound(), beat) >= best * (1.0 - 1e-9)
-    assert set(placement) <= set(priced.survivors(beat).candidate)
+    for least in ({"COUNTED": -1}, {"COUNTED": -1, "KEPT": -1}):
+        with patch.multiple(diagrams, **least):
+            priced = Diagram(first, width, beat)
+        assert not priced.counted
+        assert priced.kept == ("KEPT" not in least or len(first.drives) > 1)
+        assert max(priced.bound(), beat) >= best * (1.0 - 1e-9)
+        assert set(placement) <= set(priced.survivors(beat).candidate)
     assert set(placement) <= set(whole.survivors(beat).candidate)
     known = {"price": whole.price, "beyond": whole.beyond}
     low = best - 2.0 * whole.price  # so low that paths are told apart by what they waste
