@@ -41,10 +41,11 @@ from placement.referee.values import (
     sights_of,
     whole_value,
 )
+from placement.referee.views import pairs_within_reach
 from placement.roadway import STREETS
 
 PATH_TOLERANCE = 1e-5
-# Poses times samples up to which a bound is derived: plain NumPy looks through every pair.
+# Pairs of pose and sample within reach up to which a bound is derived, one by one in plain NumPy.
 MOST_PAIRS = 250_000_000
 # Bounds that are taken on trust, and why.
 NOT_DERIVED = {
@@ -244,7 +245,7 @@ def _bound(
     if scene.instance.objective.kind in NOT_DERIVED:
         why = NOT_DERIVED[scene.instance.objective.kind]
         return [f"{side} {recorded:.6g} ({why})"], found
-    if len(candidates) * sum(len(drive.xy) for drive in scene.drives()) > MOST_PAIRS:
+    if sum(pairs_within_reach(drive, candidates) for drive in scene.drives()) > MOST_PAIRS:
         why = f"{len(candidates):,} poses are too many to look through one by one"
         return [f"{side} {recorded:.6g} ({why})"], found
     # Left out of the knapsack: separation and required poses, which only lower the bound.

@@ -18,14 +18,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
 
 from models.geometry import BoolArray, FloatArray, IntArray
 from placement.assemble import build_errors
 from placement.candidates import Candidates
-from placement.information.reference import dense_chunks
 from placement.referee.drive import steps
 from placement.referee.values import Scene
+from placement.referee.views import Views
 
 ROUNDS = 60
 SLACK = 1e-9  # relative, for rounding in sums of this length
@@ -88,11 +87,11 @@ def score_bound(
     if errors.splits and kind != "localisation":
         return None
     until = time.monotonic() + seconds
-    views = _Views(scene, candidates)
+    views = Views(scene, candidates)
     score = _Localisation(scene) if kind == "localisation" else _Chain(scene)
     bound = math.inf
     if isinstance(score, _Localisation):
-        bound = _by_diminishing_returns(score, views, knapsack, list(selected))
+        bound = _by_diminishing_returns(score, views, knapsack, list(selected), until)
     x = np.zeros(len(candidates))
     for n in range(ROUNDS):
         value, slopes = score.at(views.total(x))
@@ -108,9 +107,12 @@ def score_bound(
 
 
 def _by_diminishing_returns(
-    score: _Localisation, views: _Views, knapsack: Knapsack, selected: list[int]
+    score: _Localisation, views: Views, knapsack: Knapsack, selected: list[int], until: float
 ) -> float:
-    """Return the least of f(R) + best sum of gains over R, R growing through the selection."""
+    """Return the least of f(R) + best sum of gains over R, R growing through the selection.
+
+    Any R bounds every placement, so it may stop `until` all are looked at.
+    """
     chosen = np.zeros(len(knapsack.allowed))
     bound = math.inf
     while True:
@@ -118,44 +120,9 @@ def _by_diminishing_returns(
         gains = np.where(chosen > 0.0, 0.0, score.gains(views, total))
         bound = min(bound, score.at(total)[0] + knapsack.most(gains))
         left = [i for i in selected if not chosen[i]]
-        if not left:
+        if not left or time.monotonic() > until:
             return bound
         chosen[left[int(np.argmax(gains[left]))]] = 1.0
-
-
-class _Views:
-    """Every candidate's information [tt, tn, nn] (c, t) in road axes, from the NumPy twin."""
-
-    def __init__(self, scene: Scene, candidates: Candidates) -> None:
-        instance = scene.instance
-        points = scene.road.evaluate(scene.track.s_m)
-        rows: list[list[sparse.csr_array]] = [[], [], []]
-        for _, part in dense_chunks(
-            candidates.cameras, points, build_errors(instance), instance.camera.max_range_m
-        ):
-            for k in range(3):
-                zero = sparse.csr_array(part.shape[:2])
-                alone = part.shape[2] == 1
-                rows[k].append(
-                    (zero if k == 1 else sparse.csr_array(part[:, :, 0]))
-                    if alone
-                    else sparse.csr_array(part[:, :, k])
-                )
-        self.parts = [sparse.csr_array(sparse.vstack(blocks)) for blocks in rows]
-
-    def total(self, x: FloatArray) -> FloatArray:
-        """Return Σ x_i J_i, (t, 2, 2)."""
-        tt, tn, nn = (part.T @ x for part in self.parts)
-        total: FloatArray = np.stack([np.stack([tt, tn], -1), np.stack([tn, nn], -1)], -2)
-        return total
-
-    def against(self, slopes: FloatArray) -> FloatArray:
-        """Return Σ_t ⟨J_it, slope_t⟩ of every candidate, (c,)."""
-        tt, tn, nn = self.parts
-        products: FloatArray = (
-            tt @ slopes[:, 0, 0] + 2.0 * (tn @ slopes[:, 0, 1]) + nn @ slopes[:, 1, 1]
-        )
-        return products
 
 
 class _Localisation:
@@ -172,7 +139,7 @@ class _Localisation:
         score = math.fsum(self.weights * (np.linalg.slogdet(known)[1] - self.log_prior))
         return score, self.weights[:, None, None] * np.linalg.inv(known)
 
-    def gains(self, views: _Views, total: FloatArray) -> FloatArray:
+    def gains(self, views: Views, total: FloatArray) -> FloatArray:
         """Return every candidate's gain (c,) over information `total`."""
         inverse = np.linalg.inv(self.prior + total)
         tt, tn, nn = (part.tocoo() for part in views.parts)

@@ -12,13 +12,15 @@ import numpy as np
 import pytest
 
 from placement import commands, verify
-from placement.assemble import assemble
+from placement.assemble import assemble, build_errors
 from placement.cli import main
 from placement.commands import INFORMATION, solve_into, validate_in
 from placement.information import chunks, quarters
+from placement.information.reference import dense_information
 from placement.instance import load_instance
 from placement.referee.nearby import information_nearby, localisation_nearby
 from placement.referee.values import eyes_of, rebuild, sights_of, whole_value
+from placement.referee.views import Views, pairs_within_reach
 from placement.solution import Status
 from placement.solve import solve
 from placement.solvers import auto
@@ -167,6 +169,27 @@ def test_a_city_that_nobody_drives_is_not_validated_and_that_is_said_at_once(
     monkeypatch.setattr("placement.assemble.assemble", lambda *_: pytest.fail("too late"))
     with pytest.raises(ValueError, match=r"give the instance a \[traffic\] table"):
         validate_in(out, runs=2, seed=0, quiet=True)
+
+
+@pytest.mark.parametrize("model", ["covariance", "radius"])
+def test_the_referee_views_nearby_what_the_twin_sees_of_everything(town: Path, model: str) -> None:
+    instance = load_instance(town).changed({"errors.model": model})
+    scene = assemble(instance)
+    again = rebuild(instance)
+    views = Views(again, scene.candidates)
+    cameras, points = scene.candidates.cameras, scene.points
+    reach, errors = instance.camera.max_range_m, build_errors(instance)
+    dense = dense_information(cameras, points, errors, reach, scene.obstacles)
+    assert 0 < views.parts[0].nnz == np.count_nonzero(dense[:, :, 0])
+    for k, part in enumerate(views.parts):
+        if dense.shape[2] == 1:
+            wanted = np.zeros(dense.shape[:2]) if k == 1 else dense[:, :, 0]
+        else:
+            wanted = dense[:, :, k]
+        np.testing.assert_allclose(part.toarray(), wanted, rtol=1e-6, atol=1e-9 * dense.max())
+    places = np.column_stack([cameras.x_m, cameras.y_m])
+    gaps = np.hypot(*(places[:, None] - points.xy).transpose(2, 0, 1))
+    assert pairs_within_reach(again, scene.candidates) == np.sum(gaps <= reach * (1.0 + 1e-6))
 
 
 def test_the_referee_sees_nearby_what_it_sees_along_the_whole_path(town: Path) -> None:
