@@ -254,7 +254,8 @@ class Proof:
         candidates = []
         for other in sorted({share, 1.0, high}):
             second = SecondOrder(self._tempered(line, other), self.score)
-            diagram = Diagram(second.first, WIDE, self.score, second)
+            width = min(WIDE, MOST_GAINS // max(int(line.alive.sum()), 1))
+            diagram = Diagram(second.first, width, self.score, second)
             self._bounded(f"tempered diagram, second order, share {other:g}", diagram.bound())
             candidates.append((diagram.bound(), other, diagram))
         _, share, diagram = min(candidates, key=lambda entry: entry[:2])

@@ -29,8 +29,6 @@ from placement.tempered.states import Layout
 NODES = 16  # cameras between two looks at the clock
 MANY = 5_000_000  # gains, from which on labels are merged more roughly
 SPARE = 1e-5  # share by which merged labels are larger than they need be
-KEPT = 60_000_000  # gains that there is room for: with where they lead, 300 MB
-COUNTED = 20_000_000  # gains, beyond which cameras have a price instead of being counted
 MOST_GRADES = 4  # labels by what has been wasted
 WIDEST = 200  # labels of a camera: their numbers are bytes
 
@@ -41,7 +39,7 @@ class Diagram:
 
     What is part of no placement above `beat` is left out on the way. `second`, if given, is the
     second order over the same arcs, share and background; `beyond` (n,) what an earlier diagram of
-    that share and background has found at `price`. `counted` says whether cameras are counted.
+    that share and background has found at `price`.
     """
 
     first: Tempered
@@ -50,15 +48,10 @@ class Diagram:
     second: SecondOrder | None = None
     price: float = -1.0
     beyond: FloatArray | None = None
-    kept: bool = field(init=False)
-    counted: bool = field(init=False)
-    good: BoolArray = field(init=False)  # (m,) arcs, by source, that are not left out
     arcs: Arcs = field(init=False)
     layout: Layout = field(init=False)
     gains: NDArray[np.float32] = field(init=False)
     ends: FloatArray = field(init=False)  # (s,) 0 where a path may end
-    back: FloatArray = field(init=False)  # (s,) what may be added at a price
-    forward: FloatArray = field(init=False)  # (s,) best path at a price
     F: FloatArray = field(init=False)  # (k, s), if counted
     B: FloatArray = field(init=False)
 
@@ -76,15 +69,9 @@ class Diagram:
             grades = int(np.clip(np.ceil(2.0 * span / self.price), 1, MOST_GRADES))
         self.arcs = paths.lay_out(line.alive)
         grades = min(grades, self.width)
-        single = len(first.drives) == 1
         self.layout = layout = lay_out(self.arcs, min(self.width, WIDEST) // grades, grades)
-        wanted = int(layout.gain_at[-1])
-        self.kept, self.counted = wanted <= KEPT or not single, wanted <= COUNTED
-        room = wanted if self.kept else self.width + 1
-        self.layout = layout = layout._replace(leads=np.zeros(room, dtype=np.uint8))
-        self.gains = np.zeros(room, dtype=np.float32)
-        self.good = np.zeros(len(layout.target), dtype=np.bool_)
-        spare = SPARE if wanted < MANY else 100.0 * SPARE
+        self.gains = np.zeros(len(layout.leads), dtype=np.float32)
+        spare = SPARE if self.gains.size < MANY else 100.0 * SPARE
         hope = Hope(self.price, self.beyond, need, max(span, 1e-300), grades, spare)
         for number, d in enumerate(first.drives):
             early_at = d.narrow.first.copy()
@@ -95,12 +82,10 @@ class Diagram:
                 paths.stop_in_time(first.run)
                 pass_labels(
                     d.process, d.narrow, d.rows, d.whole, d.alone, d.weight,
-                    single, number == 0, first.pairs, layout, early_at, hope,
-                    np.arange(begin, min(begin + NODES, line.candidate.size)), found, self.kept,
-                    self.gains, self.good,
+                    len(first.drives) == 1, number == 0, first.pairs, layout, early_at, hope,
+                    np.arange(begin, min(begin + NODES, line.candidate.size)), found, self.gains,
                 )  # fmt: skip
-            self.forward = found.so_far
-        if self.second is not None and self.kept:
+        if self.second is not None:
             states.cap_by_second(layout, self.arcs.triple, self.second.gains, self.gains)
         self.ends = np.repeat(first.ends, np.diff(layout.state_of))
         self._best_paths()
@@ -113,15 +98,9 @@ class Diagram:
 
     def _best_paths(self) -> None:
         first, layout = self.first, self.layout
-        self.F = self.B = np.empty((0, self.ends.size))
-        if not self.kept:
-            return
-        self.back = states.priced_back(layout, self.gains, first.ends, self.price)
-        self.forward = states.priced_forward(layout, self.gains, first.alone, self.price)
+        back = states.priced_back(layout, self.gains, first.ends, self.price)
         # labels differ from diagram to diagram, cameras do not
-        self.beyond = np.maximum.reduceat(self.back, layout.state_of[:-1])
-        if not self.counted:
-            return
+        self.beyond = np.maximum.reduceat(back, layout.state_of[:-1])
         k = first.budget
         self.F, self.B = np.empty((k, self.ends.size)), np.empty((k, self.ends.size))
         self.F[0], self.B[0] = -np.inf, self.ends
@@ -134,10 +113,7 @@ class Diagram:
     def bound(self) -> float:
         """Return an upper bound on all placements of the line, but those not above `beat`."""
         none = 0.0 if not self.first.line.required.any() else -np.inf
-        best = float(np.max(self.forward + self.ends, initial=-np.inf))
-        best += self.price * self.first.budget
-        if self.counted:
-            best = min(best, float(np.max(self.F + self.ends, initial=-np.inf)))
+        best = float(np.max(self.F + self.ends, initial=-np.inf))
         return float(self.first.as_bound(np.array([max(none, best)]))[0])
 
     @property
@@ -169,9 +145,7 @@ class Diagram:
         return found
 
     def path(self) -> IntArray:
-        """Return the candidates of a best path; none if cameras are not counted."""
-        if not self.counted:
-            return np.empty(0, dtype=np.int64)
+        """Return the candidates of a best path."""
         found = states.trace_states(self.layout, self.gains, self.F, self.ends)
         return self.first.line.candidate[found]
 
@@ -179,14 +153,7 @@ class Diagram:
         """Return the line without the candidates and arcs that no placement above `beat` uses."""
         line, arcs = self.first.line, self.arcs
         least = self.first.threshold(beat)
-        need = least - self.first.budget * self.price
-        good = self.good.copy()
-        if self.kept:
-            good &= states.reaching_priced(
-                self.layout, self.gains, self.forward, self.back, self.price, need
-            )
-        if self.counted:
-            good &= states.reaching(self.layout, self.gains, self.F, self.B, least)
+        good = states.reaching(self.layout, self.gains, self.F, self.B, least)
         alive: BoolArray = np.zeros_like(line.alive)
         alive[arcs.source[arcs.out[good]], arcs.target[arcs.out[good]]] = True
         single = self.first.alone + self.first.ends >= least
@@ -225,5 +192,5 @@ def lay_out(arcs: Arcs, places: int, grades: int) -> Layout:
         (1 + share * grades)[arcs.out].astype(np.int64),
         np.concatenate([[0], np.cumsum(labels)]).astype(np.int64),
         gain_at,
-        np.empty(0, dtype=np.uint8),
+        np.zeros(int(gain_at[-1]), dtype=np.uint8),
     )

@@ -170,18 +170,14 @@ def pass_labels(  # type: ignore[no-untyped-def]
     hope,
     nodes,
     labels,
-    kept,
     gains,
-    good,
 ):
     """Add `weight` times the gains of each camera's followers to `gains`, for j in `nodes`.
 
     The labels of j are the rows `layout.state_of[j]` … of `labels.entry` and `labels.early` (s, 6),
     at j's first sample and at `early_at[j]`, the first of any that may follow; the first of them
     stands for the path that begins with j. Gains are no more than `pairs` (n, n). `rows`, `whole`,
-    `alone`: as for pairs. `layout.leads` is filled on the first drive (`fresh`). Unless they are
-    `kept`, `gains` and `layout.leads` have room for one arc's, and `good` (m,) marks the arcs that
-    have any.
+    `alone`: as for pairs. `layout.leads` is filled on the first drive (`fresh`).
 
     `labels.so_far` (s,) is the best of any path into a label, each camera at a price: an arc on
     from it is left out, at −∞, where even with the best `hope.beyond` it falls short of
@@ -200,8 +196,8 @@ def pass_labels(  # type: ignore[no-untyped-def]
         begin, end = out_of[j], out_of[j + 1]
         low, n_labels = state_of[j], state_of[j + 1] - state_of[j]
         if begin == end or np.max(labels.so_far[low : low + n_labels]) == -np.inf:
-            if kept:
-                gains[gain_at[begin] : gain_at[end]] = -np.inf
+            for m in range(begin, end):
+                gains[gain_at[m] : gain_at[m + 1]] = -np.inf
             continue
         if last[j] >= 0:
             put6(labels.entry, low, prior_at(process, first[j]))
@@ -213,7 +209,7 @@ def pass_labels(  # type: ignore[no-untyped-def]
         for m in range(begin, end):
             _gains_of_arc(
                 j, m, process, cameras, rows, whole, alone, weight, single, fresh, pairs, layout,
-                early_at, hope, labels, by, scratch, kept, gains, good,
+                early_at, hope, labels, by, scratch, gains,
             )  # fmt: skip
 
 
@@ -234,11 +230,10 @@ def _run_labels(j, process, cameras, labels, low, n_labels, farthest, by):  # ty
 @njit(cache=True)
 def _gains_of_arc(  # type: ignore[no-untyped-def]
     j, e, process, cameras, rows, whole, alone, weight, single, fresh, pairs, layout,
-    early_at, hope, labels, by, scratch, kept, gains, good,
+    early_at, hope, labels, by, scratch, gains,
 ):  # fmt: skip
     k = layout.target[e]
     low = layout.state_of[j]
-    begin = layout.gain_at[e] if kept else 0
     first_j, last_j, first_k, last_k = (
         cameras.first[j], cameras.last[j], cameras.first[k], cameras.last[k],
     )  # fmt: skip
@@ -249,9 +244,7 @@ def _gains_of_arc(  # type: ignore[no-untyped-def]
     # what a path into j must be worth for the arc to k to be any use
     least = hope.need - hope.beyond[k] + hope.price
     for c in range(layout.state_of[j + 1] - low):
-        at, so_far = begin + c, labels.so_far[low + c]
-        if not kept:
-            gains[at] = 0.0
+        at, so_far = layout.gain_at[e] + c, labels.so_far[low + c]
         if gains[at] == -np.inf:
             continue
         if so_far + pairs[j, k] < least or so_far == -np.inf:
@@ -288,7 +281,7 @@ def _gains_of_arc(  # type: ignore[no-untyped-def]
         if so_far < least:
             gains[at] = -np.inf
             continue
-        gains[at], good[e] = total, True
+        gains[at] = total
         if fresh:
             # how much of what may be wasted has not been
             grade = 0

@@ -3,8 +3,7 @@
 Gains lie by arc, sorted by source, one for each label of the source, and next to each the label of
 the target that it leads to. −∞ marks what is part of no placement worth having. Rows of the tables
 count cameras: F[l, s] is the best path of l + 1 cameras into state s, B[r, s] the most that at most
-r further ones can add. Where tables would be too long, each camera has a price instead, and the
-best path of any length plus the price of the whole budget is the bound.
+r further ones can add.
 """
 
 from __future__ import annotations
@@ -135,40 +134,6 @@ def priced_back(layout, gains, may_end, price):  # type: ignore[no-untyped-def]
                     found[low + c], gains[at] - price + found[to + layout.leads[at]]
                 )
     return found
-
-
-@njit(cache=True)
-def priced_forward(layout, gains, start, price):  # type: ignore[no-untyped-def]
-    """Return the best path into each state (s,), each camera at a price; `start` (n,) begins."""
-    found = np.full(layout.state_of[-1], -np.inf)
-    for j in range(start.size):
-        low, high = layout.state_of[j], layout.state_of[j + 1]
-        found[low] = start[j] - price
-        for e in range(layout.out_of[j], layout.out_of[j + 1]):
-            to = layout.state_of[layout.target[e]]
-            for c in range(high - low):
-                at = layout.gain_at[e] + c
-                value = found[low + c] + gains[at] - price
-                if value > -np.inf:
-                    into = to + layout.leads[at]
-                    found[into] = max(found[into], value)
-    return found
-
-
-@njit(cache=True, parallel=True)
-def reaching_priced(layout, gains, forward, back, price, need):  # type: ignore[no-untyped-def]
-    """Mark the arcs (m,), sorted by source, on some path worth `need` at that price."""
-    good = np.zeros(layout.target.size, np.bool_)
-    for j in prange(layout.into.size - 1):
-        low, high = layout.state_of[j], layout.state_of[j + 1]
-        for e in range(layout.out_of[j], layout.out_of[j + 1]):
-            to = layout.state_of[layout.target[e]]
-            for c in range(high - low):
-                at = layout.gain_at[e] + c
-                if forward[low + c] + gains[at] - price + back[to + layout.leads[at]] >= need:
-                    good[e] = True
-                    break
-    return good
 
 
 def trace_states(
