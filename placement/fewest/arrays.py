@@ -19,7 +19,7 @@ NODES, ARCS, POOL, FREE, FULL, BLIND = range(6)
 N_COUNTERS = 6
 KEY_BITS = 18  # of a camera, or a second one, in the key of a set; `Course` holds fewer than 2**17
 MOST_UNITS = 100_000  # as good as infinitely many
-MOST_NODES, MOST_ARCS, MOST_WAITING, MOST_SETS = 8_000_000, 24_000_000, 500_000, 60_000
+MOST_NODES, MOST_ARCS, MOST_WAITING, MOST_SETS = 12_000_000, 48_000_000, 500_000, 60_000
 
 
 class Course(NamedTuple):
@@ -79,9 +79,9 @@ class Store(NamedTuple):
     node_need: IntArray
     node_t: IntArray  # where free labels are, −1 for others
     node_p: FloatArray  # (nodes, 2, 6)
-    arc_from: IntArray
-    arc_to: IntArray
-    arc_units: IntArray
+    arc_from: NDArray[np.int32]
+    arc_to: NDArray[np.int32]
+    arc_units: NDArray[np.int32]
     arc_camera: NDArray[np.int32]
     set_m: IntArray  # (2, sets) of this sample and the next
     set_n: IntArray
@@ -117,9 +117,9 @@ def new_store(failures: int) -> Store:
         node_need=np.empty(MOST_NODES, dtype=np.int64),
         node_t=np.empty(MOST_NODES, dtype=np.int64),
         node_p=np.empty((MOST_NODES, 2, 6)),
-        arc_from=np.empty(MOST_ARCS, dtype=np.int64),
-        arc_to=np.empty(MOST_ARCS, dtype=np.int64),
-        arc_units=np.empty(MOST_ARCS, dtype=np.int64),
+        arc_from=np.empty(MOST_ARCS, dtype=np.int32),
+        arc_to=np.empty(MOST_ARCS, dtype=np.int32),
+        arc_units=np.empty(MOST_ARCS, dtype=np.int32),
         arc_camera=np.empty(MOST_ARCS, dtype=np.int32),
         set_m=np.empty((2, MOST_SETS), dtype=np.int64),
         set_n=np.empty((2, MOST_SETS), dtype=np.int64),

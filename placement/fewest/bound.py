@@ -47,6 +47,7 @@ EFFORTS = (
 )
 PROBE = Effort(100, 1, 0.02)
 MOST_PROBES = 12
+PROBE_DARK = Effort(30, 1, 0.05)  # with failures, once: later probes find next to nothing
 
 
 class OutOfTime(Exception):  # noqa: N818 - a signal, not an error
@@ -121,7 +122,7 @@ class Counting:
     ) -> bool:
         """Raise `need` as far as it goes, or to `most`; return whether time sufficed."""
         try:
-            if not self.course.failures and not self._probe(stop, tell):
+            if not self._probe(stop, tell):
                 return True
             while self.need < min(most, MOST_UNITS):
                 asked = self.need
@@ -141,10 +142,11 @@ class Counting:
 
     def _probe(self, stop: Callable[[], bool], tell: Callable[[int, float], None]) -> bool:
         """Learn what the floor needs, until that changes no more; return whether there was room."""
-        for _ in range(MOST_PROBES):
+        effort, most = (PROBE_DARK, 1) if self.course.failures else (PROBE, MOST_PROBES)
+        for _ in range(most):
             before = int(np.sum(self.floor))
             k = int(self.floor.max()) + self.course.per_unit
-            if not self.sweep(k, PROBE, probing=True, stop=stop, report=partial(tell, -1)):
+            if not self.sweep(k, effort, probing=True, stop=stop, report=partial(tell, -1)):
                 return False
             if int(np.sum(self.floor)) - before <= 0.01 * before:
                 break

@@ -12,7 +12,7 @@ from __future__ import annotations
 from numba import njit
 
 from placement.diagram.order import block_join
-from placement.fewest.arrays import DEPTH
+from placement.fewest.arrays import DEPTH, MOST_UNITS
 from placement.fewest.crossing import move, one_step, worth
 from placement.fewest.graph import deposit, go_blind, new_node, no_room, record
 from placement.fewest.merging import lower
@@ -67,26 +67,27 @@ def join_crowd(store, side, parent, units, m, count, length, p, past, dark, mm, 
 
 
 @njit(cache=True)
-def more_in_view(course, known, store, t, k, node, m, count, length, p, past, dark, joined, mm, vv):  # type: ignore[no-untyped-def]
-    """Let a label become a larger crowd by each camera that starts at t.
+def more_in_view(course, known, store, t, k, node, m, count, length, p, past, dark, mm, vv):  # type: ignore[no-untyped-def]
+    """Let a label become a larger crowd by the cameras that start at t.
 
-    Of those that end alike the cheapest is enough: joined (span + 2,) is scratch for that.
+    One stands for all that can be paid for: as cheap as the cheapest, as long in view as the last.
     """
-    joined[:] = -1
+    cheapest, longest = MOST_UNITS, 0
     for w in range(course.at[t], course.at[t + 1]):
         units = course.units[w]
         longer = max(length, course.ptr[w + 1] - course.ptr[w])
         togo = known.hope[t + longer]
         if m + units + togo > k:
             store.node_need[node] = min(store.node_need[node], units + togo)
-        elif joined[longer] < 0 or units < joined[longer]:
-            joined[longer] = units
-            join_crowd(store, t % 2, node, units, m + units, count + 1, longer, p, past, dark,
-                       mm, vv)  # fmt: skip
+        else:
+            cheapest, longest = min(cheapest, units), max(longest, longer)
+    if longest:
+        join_crowd(store, t % 2, node, cheapest, m + cheapest, count + 1, longest, p, past, dark,
+                   mm, vv)  # fmt: skip
 
 
 @njit(cache=True)
-def crowds_on(course, known, store, t, k, mm, vv, joined):  # type: ignore[no-untyped-def]
+def crowds_on(course, known, store, t, k, mm, vv):  # type: ignore[no-untyped-def]
     """Take every crowd of sample t to the next; return False where storage runs out."""
     now, then, t_end = t % 2, 1 - t % 2, course.steps.shape[0]
     span = store.blind_node.shape[2] - 2
@@ -104,7 +105,7 @@ def crowds_on(course, known, store, t, k, mm, vv, joined):  # type: ignore[no-un
                 kept = store.crowd_p[now, m, n, length]
                 p, past, dark = row6(kept, 0), row6(kept, 1), row6(kept, 2)
                 more_in_view(course, known, store, t, k, node, m, count, length, p, past, dark,
-                             joined, mm, vv)  # fmt: skip
+                             mm, vv)  # fmt: skip
                 x, y = float(count), float(count - 1)
                 p = one_step(p, course.base[t], x * best[0], x * best[1], x * best[2])
                 if p[3] > course.limit:

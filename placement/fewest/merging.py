@@ -11,7 +11,7 @@ from placement.fewest.crossing import worth
 from placement.fewest.graph import record
 from placement.objectives.windows.filter import row6
 
-WAITING = 8  # labels that wait, for each that comes from a camera
+WAITING = 4  # labels that wait, for each that comes from a camera
 CLOSER = 0.02  # share of ε within which those that wait are merged
 
 

@@ -69,7 +69,6 @@ def sweep(begin, end, k, course, known, store, least, width, slots, epsilon, mod
     slot_of = np.zeros(2, dtype=np.int64)
     work = np.empty((scenarios, 6))
     ids = np.empty(DEPTH, dtype=np.int64)
-    joined = np.empty(span + 2, dtype=np.int64)
     slot_of[begin % 2] = store.counter[N_COUNTERS]
     for t in range(begin, end):
         now, then = t % 2, 1 - t % 2
@@ -225,7 +224,7 @@ def sweep(begin, end, k, course, known, store, least, width, slots, epsilon, mod
                     r = row6(store.set_p[now, s], 1)
                     dark = row6(store.set_p[now, s], worst_dark(store.set_p[now, s], n))
                 more_in_view(course, known, store, t, k, node, m, n, longest, q, r, dark,
-                             joined, mm, vv)  # fmt: skip
+                             mm, vv)  # fmt: skip
             for w in range(max(course.at[t], latest), course.at[t + 1] if not whole else 0):
                 name = w
                 if w == latest:
@@ -307,7 +306,7 @@ def sweep(begin, end, k, course, known, store, least, width, slots, epsilon, mod
                     r, dark = row6(work, 1), row6(work, worst_dark(work, remain))
                 join_crowd(store, then, node, 0, m, remain, longest - 1, q, r, dark, mm, vv)
             s += 1
-        if not crowds_on(course, known, store, t, k, mm, vv, joined):
+        if not crowds_on(course, known, store, t, k, mm, vv):
             return
         # blind labels: one camera more, or on to the next sample
         for m in range(k + 1):
