@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -190,6 +191,27 @@ def test_the_referee_views_nearby_what_the_twin_sees_of_everything(town: Path, m
     places = np.column_stack([cameras.x_m, cameras.y_m])
     gaps = np.hypot(*(places[:, None] - points.xy).transpose(2, 0, 1))
     assert pairs_within_reach(again, scene.candidates) == np.sum(gaps <= reach * (1.0 + 1e-6))
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*left out or mended")
+def test_luxembourg_is_solved_and_verified_whole(
+    shared_data: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(commands, "entry_points", lambda group: [])
+    network = shared_data("lust/luxembourg.net.xml.gz")
+    source = Path(__file__).parents[2] / "benchmarks" / "luxembourg-city.toml"
+    path = tmp_path / "city.toml"
+    path.write_text(source.read_text().replace("../../shared/data/lust", str(network.parent)))
+    out = tmp_path / "out"
+    assert solve_into(out, str(path), quiet=True) is Status.FEASIBLE
+    record = json.loads((out / "solution.json").read_text())
+    assert record["candidates"] > 1_000_000
+    assert len(record["selected"]) == 2000
+    assert 0.0 < record["gap"] < 0.05
+    found = verify_folder(out)
+    assert found.passed
+    assert len(found.trusted) == 1
 
 
 def test_the_referee_sees_nearby_what_it_sees_along_the_whole_path(town: Path) -> None:
