@@ -85,8 +85,8 @@ def course_of(
         row = slice(drive.indptr[i], drive.indptr[i + 1])
         dense[ptr[v] + drive.indices[row] - first[v]] = (1.0 + TWINS) * blocks[row]
     at = np.searchsorted(first, np.arange(drive.n_samples + 1)).astype(np.int64)
-    best = np.empty((drive.n_samples, 3))
-    join_of_all(at, ptr, dense, best)
+    greatest = np.empty((drive.n_samples, 3))
+    join_of_all(at, ptr, dense, greatest)
     plain = views_of.total(given)
     # a mount's cameras exclude each other, but not the pieces of one of them
     group = np.full(pieces.usable.size, -1) if group is None else group[pieces.owner]
@@ -107,7 +107,7 @@ def course_of(
         base=base,
         ptr=ptr,
         blocks=dense,
-        best=best,
+        best=greatest,
         second=second,
         twice=np.array(
             [second[ptr[v] : ptr[v + 1]].any() for v in range(who.size)], dtype=np.bool_
