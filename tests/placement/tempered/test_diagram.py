@@ -15,7 +15,9 @@ from placement.objectives.entropy import Entropy
 from placement.tempered import labels, paths
 from placement.tempered.background import background_of, stand_in
 from placement.tempered.bound import SecondOrder, Tempered, make_line
+from placement.tempered.crossings import run_through, work_space
 from placement.tempered.diagram import Diagram, lay_out
+from placement.tempered.process import cameras_of, prior_at, take_in
 from tests.placement.tempered.test_bound import new_run
 from tests.placement.tempered.test_persistent import Dense
 
@@ -140,3 +142,30 @@ def test_wider_is_tighter_and_the_second_order_tightens_it_further() -> None:
         bounds.append(total)
     assert bounds == sorted(bounds, reverse=True)
     assert bounds[-1] < bounds[0]
+
+
+@pytest.mark.parametrize("offsets", [0, 2])
+def test_a_car_knows_what_its_camera_told_before_a_sample_and_no_more(offsets: int) -> None:
+    rng = np.random.default_rng([19, offsets])
+    drive = random_drive(rng, n_samples=24, n_candidates=4, longest_window=10, offsets=offsets)
+    base = rng.uniform(0.0, 30.0, (24, 1)) * np.array([1.0, 0.2, 1.0])
+    process = take_in(drive.steps(), drive.initial_covariance(), base)
+    cameras, dense = cameras_of(drive, 1.0), Dense(drive, base, 1.0)
+    for j in range(4):
+        first, last = int(cameras.first[j]), int(cameras.last[j])
+        early_at = max(first - 2, 0)
+        entry, early = prior_at(process, first), prior_at(process, early_at)
+        by = np.full((24, 6), np.nan)
+        space = work_space(1, cameras.offsets.shape[2])
+        labels.set_covariance(space[0], entry)
+        none = np.empty((len(space[0]), 0))
+        run_through(process, cameras, np.array([j]), first, last, space, none, by)
+        labels.predict_ahead(process, tuple(by[last]), last, 23, by)
+        for t in range(24):
+            # the background is known at every sample, the camera's word before this one alone
+            told = dense.y + dense.dense.camera(j, until=t - 1)
+            prior = dense.dense.prior
+            known = np.linalg.solve(np.eye(72) + prior @ told, prior)
+            got = labels.car_at(process, t, by, first, last, early, entry, early_at)
+            want = known[3 * t : 3 * t + 3, 3 * t : 3 * t + 3]
+            assert unpacked(got) == pytest.approx(want, rel=1e-6, abs=1e-12)
