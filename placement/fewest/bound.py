@@ -144,11 +144,13 @@ class Counting:
         """Learn what the floor needs, until that changes no more; return whether there was room."""
         effort, most = (PROBE_DARK, 1) if self.course.failures else (PROBE, MOST_PROBES)
         for _ in range(most):
-            before = int(np.sum(self.floor))
-            k = int(self.floor.max()) + self.course.per_unit
+            # where no number of cameras does there is nothing to learn
+            finite = self.floor < MOST_UNITS
+            before = int(np.sum(self.floor, where=finite))
+            k = int(np.max(self.floor, where=finite, initial=0)) + self.course.per_unit
             if not self.sweep(k, effort, probing=True, stop=stop, report=partial(tell, -1)):
                 return False
-            if int(np.sum(self.floor)) - before <= 0.01 * before:
+            if int(np.sum(self.floor, where=finite)) - before <= 0.01 * before:
                 break
         return True
 
