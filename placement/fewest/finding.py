@@ -20,6 +20,7 @@ from placement.fewest.stretches import least_of_sets
 from placement.fewest.sweep import sweep
 
 EFFORTS = (Effort(4, 1, 0.03), Effort(10, 1, 0.03), Effort(30, 2, 0.02))
+SHARES = (1.0, 0.95, 0.92, 0.9, 0.88)  # of the limit, where offsets persist
 MARGINS = (1, 2)  # cameras that the best placement known may be ahead or behind
 
 
@@ -30,7 +31,8 @@ def tries(
 
     A failure that looked worse before may not be the worst in the end, two cameras of a mount may
     not be in view at once, and offsets that persist are known where views overlap: so not all of
-    what is found need be in tolerance, or allowed. Ends when time is up.
+    what is found need be in tolerance, or allowed. Where offsets persist stricter limits are tried,
+    to make up for their being known. Ends when time is up.
     """
     t = counting.course.steps.shape[0]
     price = int(units[known].sum())
@@ -41,15 +43,17 @@ def tries(
     spent = np.concatenate([[0], np.cumsum(units[known][order])])
     rest = price - spent[np.searchsorted(begins[order], np.arange(t + 1))]
     dearest = int(units[known].max(initial=1))
-    for margin in MARGINS:
-        for effort in EFFORTS:
-            guess = np.maximum(rest - margin * dearest, 0)
-            try:
-                found = find(counting, price - 1, effort, stop, guess)
-            except OutOfTime:
-                return
-            if found is not None:
-                yield found
+    attempts = [(margin, effort, 1.0) for margin in MARGINS for effort in EFFORTS]
+    if counting.course.offsets.shape[2]:
+        attempts = [(MARGINS[0], EFFORTS[0], share) for share in SHARES]
+    for margin, effort, share in attempts:
+        guess = np.maximum(rest - margin * dearest, 0)
+        try:
+            found = find(counting, price - 1, effort, stop, guess, share)
+        except OutOfTime:
+            return
+        if found is not None:
+            yield found
 
 
 def find(
@@ -58,17 +62,18 @@ def find(
     effort: Effort,
     stop: Callable[[], bool],
     guess: IntArray | None = None,
+    share: float = 1.0,
 ) -> list[int] | None:
     """Look for a placement of at most k prices; return its cameras if there is one.
 
-    guess (t + 1,) is what is guessed to be needed from each sample on. None, too, where storage
-    runs out.
+    guess (t + 1,) is what is guessed to be needed from each sample on. `share` of the limit on the
+    lateral variance must be kept. None, too, where storage runs out.
 
     Raises:
         OutOfTime: when `stop` says so.
     """
     c = counting.course
-    c = c._replace(units=c.whole, base=c.plain)
+    c = c._replace(units=c.whole, base=c.plain, limit=share * c.limit)
     t, k = c.steps.shape[0], k * c.per_unit
     floor, hope = counting.floor, counting.hope
     if guess is not None:
