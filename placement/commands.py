@@ -145,6 +145,7 @@ def solve_into(
                 time_limit_s=time_limit_s,
                 seed=seed,
                 progress=report,
+                work=work,
             )
         else:
             from placement.budget_curve import budget_curve

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from models.geometry import FloatArray
+from placement.cluster import Serial, Work
 from placement.constraints import Constraints
 from placement.interrupts import asked_to_stop
 from placement.objectives.base import Objective
@@ -47,6 +48,7 @@ class Run:
     progress: Callable[[str, float | None], None] = field(default=lambda _text, _fraction: None)
     incumbent: list[int] | None = None  # best placement so far, returned on interrupt
     score_bound: float | None = None  # best bound so far, valid at any time
+    work: Work = field(default_factory=Serial)  # where parts of it may run
 
     def remaining(self) -> float:
         """Return the seconds left, never negative; none once Ctrl-C asked to stop."""

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from models.geometry import IntArray
+from placement.cluster import Work
 from placement.constraints import Infeasible
 from placement.interrupts import asked_to_stop, stop_on_request
 from placement.objectives.base import Demanding
@@ -159,6 +160,7 @@ def solve(
     time_limit_s: float = math.inf,
     seed: int = 0,
     progress: Callable[[str, float | None], None] | None = None,
+    work: Work | None = None,
 ) -> Solution:
     """Choose candidates for `problem` by `method` within `time_limit_s` seconds.
 
@@ -168,7 +170,8 @@ def solve(
     placement so far with status `time_limit`; contradicting constraints met on the way give
     `infeasible`, an empty selection and the value NaN.
 
-    `progress` is called with a line of text and the share done, where known.
+    `progress` is called with a line of text and the share done, where known. `work` says where the
+    parts of a method that has any run (`placement.cluster`); the solution is the same.
 
     Raises:
         ValueError: for an unknown method, one that cannot keep the problem's constraints, a
@@ -184,6 +187,8 @@ def solve(
     run = Run(np.random.default_rng(seed), deadline=start + time_limit_s)
     if progress is not None:
         run.progress = progress
+    if work is not None:
+        run.work = work
     with stop_on_request():
         proposal = _propose(solver_of, problem, run)
     return certified(problem, proposal, run, method, time.monotonic() - start, seed)

@@ -24,6 +24,7 @@ from placement.information.surroundings import Surroundings
 
 Report = Callable[[str, float | None], None]
 METHODS = ("lazy", "partitions", "stochastic")
+TURN = 100  # cameras of greedy between two looks at the clock
 _EPSILON = 0.01  # of stochastic greedy
 _STEPS = 150  # of mirror descent for the certificate; 300 gain 0.02 %
 # Every price gives a bound; the last camera's gain is a low one, so it is raised while that pays.
@@ -202,10 +203,12 @@ def greedy(
     alone: FloatArray,
     allowed: BoolArray | None = None,
     required: IntArray | None = None,
+    go_on: Callable[[int], bool] = lambda _placed: True,
 ) -> tuple[IntArray, FloatArray]:
     """Return the rows that lazy greedy chooses, `required` first, and the gains of the others.
 
-    `allowed` (c,) marks the candidates that may be chosen.
+    `allowed` (c,) marks the candidates that may be chosen. Every TURN cameras `go_on`, which is
+    told how many there are, may say that these shall do.
     """
     sums = np.zeros((problem.n_samples, 3))
     taken = np.zeros(problem.n_mounts, np.bool_)
@@ -214,21 +217,19 @@ def greedy(
         add_row(int(i), 1.0, *problem.csr, sums)
         taken[problem.group[i]] = True
     room = budget - len(first)
-    chosen, gains = np.zeros(room, np.int64), np.zeros(room)
-    added, _ = lazy_greedy(
-        *problem.csr,
-        problem.weights,
-        problem.scale,
-        problem.group,
-        np.ones(len(alone), np.bool_) if allowed is None else allowed,
-        taken,
-        room,
-        0.0,
-        sums,
-        alone.copy(),
-        chosen,
-        gains,
-    )
+    upper, free = alone.copy(), np.ones(len(alone), np.bool_) if allowed is None else allowed
+    chosen, gains, added = np.zeros(room, np.int64), np.zeros(room), 0
+    while added < room and go_on(added):
+        turn = min(TURN, room - added)
+        new, gain = np.zeros(turn, np.int64), np.zeros(turn)
+        found, _ = lazy_greedy(
+            *problem.csr, problem.weights, problem.scale, problem.group, free, taken, turn, 0.0,
+            sums, upper, new, gain,
+        )  # fmt: skip
+        chosen[added : added + found], gains[added : added + found] = new[:found], gain[:found]
+        added += found
+        if found < turn:
+            break
     return np.concatenate([first, chosen[:added]]), gains[:added]
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 
 from placement.city.solve import CityProblem, alone_gains, greedy, prove, residual_bound, swapped
-from placement.cluster import Serial
 from placement.guarantees import greedy_guarantee
 from placement.information.chunks import Chunk
 from placement.objectives.localisation import Localisation
@@ -33,15 +32,19 @@ def solve_regions(problem: Problem, run: Run) -> Proposal:
     allowed = constraints.usable()[order]
     required = place[np.unique(constraints.required)]
     alone = alone_gains(city)
-    run.progress("greedy", None)
     allowed_alone = np.where(allowed, alone, 0.0)
-    chosen, gains = greedy(city, constraints.budget, alone, allowed, required)
+
+    def go_on(placed: int) -> bool:
+        run.progress("greedy", placed / max(constraints.budget, 1))
+        return not run.out_of_time()
+
+    chosen, gains = greedy(city, constraints.budget, alone, allowed, required, go_on)
     run.incumbent = order[chosen].tolist()
     last = float(gains[-1]) if len(chosen) == constraints.budget and len(gains) else 0.0
     swaps = 0
     if not run.out_of_time():
         run.progress("swaps", None)
-        chosen, swaps = swapped(city, chosen, allowed_alone, last, Serial(), required)
+        chosen, swaps = swapped(city, chosen, allowed_alone, last, run.work, required)
         run.incumbent = order[chosen].tolist()
     finished = not run.out_of_time()
     stats = {"swaps": swaps, **greedy_guarantee(problem, finished)}
@@ -51,7 +54,7 @@ def solve_regions(problem: Problem, run: Run) -> Proposal:
         return Proposal(run.incumbent, residual, Status.TIME_LIMIT, stats)
     run.progress("certificate", None)
     # Required poses are bounded like the others: with fewer rules the bound only rises.
-    bound, price, regions = prove(city, constraints.budget, allowed_alone, chosen, last, Serial())
+    bound, price, regions = prove(city, constraints.budget, allowed_alone, chosen, last, run.work)
     stats |= {"price": price, "regions": regions}
     return Proposal(run.incumbent, min(bound, residual), Status.FEASIBLE, stats)
 
