@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from models.geometry import FloatArray, IntArray
-from placement.bounds.concave import best_fraction
+from placement.bounds.concave import Fraction, best_fraction
 from placement.bounds.matroid import root_choice, without
 from placement.objectives.base import State
 from placement.objectives.entropy import Entropy
@@ -96,6 +96,7 @@ class Proof:
     stats: dict[str, Any] = field(default_factory=dict)
     inner: Run = field(init=False)
     background: list[FloatArray] = field(init=False)
+    relaxed: Fraction = field(init=False)
     scales: tuple[float, ...] = (1.0,)
     scale: float = 1.0
 
@@ -120,7 +121,8 @@ class Proof:
         line = self._diagrams(line)
         if self._closed():
             return True
-        return self._second_order(line)
+        finished = self._second_order(line)
+        return finished or self._relax_further()
 
     def _rearrange(self, state: State) -> None:
         """Move cameras of one stretch together, for a share of the time (see `solvers.search`)."""
@@ -155,6 +157,7 @@ class Proof:
             start=np.array(self.selected, dtype=np.int64),
             report=lambda bound: self._bounded("relaxation", bound),
         )
+        self.relaxed = found
         left = np.flatnonzero(found.choice.allowed)
         self.stats["candidates_after_relaxation"] = int(left.size)
         if 4.0 * left.size**2 > MOST_PAIRS:
@@ -165,6 +168,20 @@ class Proof:
             y = best_fraction(white, choice, self.inner, tolerance=1e-3).x
         self.background = background_of(white, y)
         return make_line(self.objective, constraints, left)
+
+    def _relax_further(self) -> bool:
+        """Go on with the relaxation where it was stopped early and bounds best; return False."""
+        if not self.white and self.stats["bound_from"] == "relaxation":
+            self.run.progress("solving the concave relaxation to its end", None)
+            best_fraction(
+                self.objective,
+                self.relaxed.choice,
+                self.inner,
+                beat=self.score,
+                start=self.relaxed.x,
+                report=lambda bound: self._bounded("relaxation", bound),
+            )
+        return False
 
     @property
     def white(self) -> bool:
