@@ -2,8 +2,9 @@
 
 Budgets share what they can. One greedy run serves them all (its first k cameras are greedy's for
 k), and each of its states bounds every budget. The method then solves each budget in its share of
-the time (`trace`: one relaxed decision diagram bounds them all, `placement.solvers.trace_curve`),
-and what is known of one budget tightens the others:
+the time (`trace`: one relaxed decision diagram bounds them all, `placement.solvers.trace_curve`;
+`entropy`: two chains do besides, `placement.tempered.curve`), and what is known of one budget
+tightens the others:
 
     a placement of k cameras is one for k + 1;          so values rise with k,
     opt(k) ≤ opt(k + 1);                                so a bound for k + 1 is one for k,
@@ -26,6 +27,7 @@ from placement.bounds.linear import most_sum
 from placement.constraints import Infeasible
 from placement.interrupts import stop_on_request
 from placement.objectives.base import Demanding
+from placement.objectives.entropy import Entropy
 from placement.objectives.trace import Trace
 from placement.problem import Problem, Run
 from placement.solution import OPTIMAL_GAP, Solution, Status
@@ -113,6 +115,13 @@ def budget_curve(
         return BudgetCurve(first, tuple(solutions))
     if problem.objective.submodular and time.monotonic() < deadline:
         bounds = _shared_bounds(problems, solutions, deadline)
+        objective = problem.objective
+        if len(budgets) > 1 and isinstance(objective, Entropy) and method in ("auto", "tempered"):
+            from placement.tempered.curve import chain_bounds
+
+            run = Run(np.random.default_rng(seed), deadline, tell)
+            with stop_on_request():
+                bounds = np.minimum(bounds, chain_bounds(problems[-1], objective, run)[first:])
     return BudgetCurve(first, _tightened(problem, first, solutions, bounds))
 
 
@@ -122,7 +131,7 @@ def _one_by_one(
     """Solve the greatest budget, then the others from the least on.
 
     They share the time that is left; without a time limit, `auto` takes as much for all of them
-    as it took for the greatest.
+    as it took for the greatest, or half where chains bound them all.
     """
     started = time.monotonic()
     limited = math.isfinite(deadline)
@@ -136,7 +145,8 @@ def _one_by_one(
         found[at] = solve(problems[at], method, time_limit_s=left, seed=seed)
         if n == 0 and not limited and method == "auto":
             now = time.monotonic()
-            deadline = now + max(now - started, LEAST_S * last)
+            part = 0.5 if isinstance(problems[at].objective, Entropy) else 1.0
+            deadline = now + max(part * (now - started), LEAST_S * last)
         if found[at].stats.get("stopped_by") == "interrupt":
             deadline = time.monotonic()  # what is left takes no time worth speaking of
     return [found[at] for at in range(len(problems))]
