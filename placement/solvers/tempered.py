@@ -106,7 +106,7 @@ class Proof:
         self.inner = Run(run.rng, deadline=run.deadline - LEAVE_TIME_S)
         state, _, _ = climb(self.problem, run)
         polish(self.problem, run, state)
-        self._rearrange(state)
+        self._rearrange(state, KICK_SHARE)
         self.stats["bounds"] = {}
         self._offer(np.array(state.selected, dtype=np.int64))
         self._bounded("greedy", np.inf if run.score_bound is None else run.score_bound)
@@ -122,13 +122,15 @@ class Proof:
         if self._closed():
             return True
         finished = self._second_order(line)
-        return finished or self._relax_further()
+        if not finished:
+            self._use_what_is_left()
+        return finished
 
-    def _rearrange(self, state: State) -> None:
+    def _rearrange(self, state: State, share: float) -> None:
         """Move cameras of one stretch together, for a share of the time (see `solvers.search`)."""
         place = number_places(self.problem)
         if place is not None:
-            Kicks(self.problem, self._for_a_share(KICK_SHARE), state, place).work()
+            Kicks(self.problem, self._for_a_share(share), state, place).work()
 
     def _for_a_share(self, share: float) -> Run:
         """Return a run of its own for a share of the time left."""
@@ -169,8 +171,8 @@ class Proof:
         self.background = background_of(white, y)
         return make_line(self.objective, constraints, left)
 
-    def _relax_further(self) -> bool:
-        """Go on with the relaxation where it was stopped early and bounds best; return False."""
+    def _use_what_is_left(self) -> None:
+        """Go on with the relaxation where it was stopped early and bounds best, and rearrange."""
         if not self.white and self.stats["bound_from"] == "relaxation":
             self.run.progress("solving the concave relaxation to its end", None)
             best_fraction(
@@ -181,7 +183,10 @@ class Proof:
                 start=self.relaxed.x,
                 report=lambda bound: self._bounded("relaxation", bound),
             )
-        return False
+        if not self.inner.out_of_time():
+            state = self.objective.state(np.array(self.selected, dtype=np.int64))
+            self._rearrange(state, 1.0)
+            self._offer(np.array(state.selected, dtype=np.int64))
 
     @property
     def white(self) -> bool:
