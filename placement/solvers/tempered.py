@@ -10,7 +10,7 @@ stage has a valid bound while it runs, and `stats["bounds"]` tells what each has
 
 Cameras with persistent offsets go the same way. Their background is white, of cameras that stand in
 for them (`placement.tempered.background`), and the relaxation, which is dear and weak for them,
-has a tenth of the time.
+has a tenth of the time unless it comes near.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from models.geometry import FloatArray, IntArray
-from placement.bounds.concave import Fraction, best_fraction
+from placement.bounds.concave import best_fraction
 from placement.bounds.matroid import root_choice, without
 from placement.objectives.base import State
 from placement.objectives.entropy import Entropy
@@ -55,6 +55,8 @@ WORTH_IT = 0.8  # go on while a pass leaves fewer than this share of the arcs
 PERSISTENT_SHARES = (1.0, 0.98, 0.95, 0.9, 0.8, 0.6, 0.4)
 SCALES = (1.0, 0.3)
 RELAXED_SHARE = 0.1  # of the time left, for the relaxation of persistent errors
+LONGER_SHARE = 0.6  # the same once it bounds within PROMISING of the score
+PROMISING = 0.02
 MOST_PAIRS = 5e8  # bytes of first-order gains; a line longer than 11,000 is not bounded by chains
 MOST_TRIPLES = 250_000_000  # second-order gains held at one time: 1 GB
 DONE = 1e-7  # relative gap that counts as closed: a tenth of what `optimal` asks for
@@ -96,7 +98,6 @@ class Proof:
     stats: dict[str, Any] = field(default_factory=dict)
     inner: Run = field(init=False)
     background: list[FloatArray] = field(init=False)
-    relaxed: Fraction = field(init=False)
     scales: tuple[float, ...] = (1.0,)
     scale: float = 1.0
 
@@ -149,17 +150,23 @@ class Proof:
             choice = without(choice, lost)
         self.run.progress("solving the concave relaxation", None)
         relaxation = self.inner
+        longer = self._for_a_share(LONGER_SHARE).deadline
         if not self.white:
             relaxation = self._for_a_share(RELAXED_SHARE)
+
+        def report(bound: float) -> None:
+            self._bounded("relaxation", bound)
+            if bound - self.score < PROMISING * self.score:
+                relaxation.deadline = max(relaxation.deadline, longer)
+
         found = best_fraction(
             self.objective,
             choice,
             relaxation,
             beat=self.score,
             start=np.array(self.selected, dtype=np.int64),
-            report=lambda bound: self._bounded("relaxation", bound),
+            report=report,
         )
-        self.relaxed = found
         left = np.flatnonzero(found.choice.allowed)
         self.stats["candidates_after_relaxation"] = int(left.size)
         if 4.0 * left.size**2 > MOST_PAIRS:
@@ -172,17 +179,7 @@ class Proof:
         return make_line(self.objective, constraints, left)
 
     def _use_what_is_left(self) -> None:
-        """Go on with the relaxation where it was stopped early and bounds best, and rearrange."""
-        if not self.white and self.stats["bound_from"] == "relaxation":
-            self.run.progress("solving the concave relaxation to its end", None)
-            best_fraction(
-                self.objective,
-                self.relaxed.choice,
-                self.inner,
-                beat=self.score,
-                start=self.relaxed.x,
-                report=lambda bound: self._bounded("relaxation", bound),
-            )
+        """Rearrange the placement in the time that is left."""
         if not self.inner.out_of_time():
             state = self.objective.state(np.array(self.selected, dtype=np.int64))
             self._rearrange(state, 1.0)
