@@ -35,6 +35,7 @@ from placement.problem import Run
 
 NEWTON_STEPS = 25
 SECANT_STEPS = 30
+STIFFER = 3  # times that a step which came to nothing is tried with ten times the curvature
 FAINT = 1e-3  # of a camera: less is left out where looks are dear
 DEAR_S = 5.0  # a Hessian by differences that would take longer is not computed
 EXCHANGES = 20_000
@@ -130,7 +131,7 @@ def _newton(
     secant = (time.monotonic() - started) * x.size > DEAR_S
     # along one axis log det(I + x M) has slope tr M and curvature −tr M², at most the square
     curvature: FloatArray | None = -0.5 * np.diag(slope**2)
-    moved = False
+    moved, stiffer = False, 0
     for _ in range(SECANT_STEPS if secant else NEWTON_STEPS):
         gap = float(slope[best_choice(choice, slope)[0]].sum() - slope @ x)
         if gap <= tolerance * abs(score) or run.out_of_time():
@@ -151,7 +152,11 @@ def _newton(
             y[y < FAINT] = 0.0  # each camera in view adds its offsets to the filter's state
         y, new_score, new_slope = _search_line(objective, x, y, score, slope, run)
         if not new_score > score:
-            break
+            # a curvature that was only guessed, or learnt far away, may be too slight
+            if not secant or stiffer == STIFFER:
+                break
+            curvature, stiffer = 10.0 * curvature, stiffer + 1
+            continue
         if secant:
             curvature = _learnt(curvature, y - x, new_slope - slope)
         x, score, slope, moved = y, new_score, new_slope, True
