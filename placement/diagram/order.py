@@ -15,6 +15,7 @@ from numba import njit
 # first matrix and are off by some 1e-15 times the largest, which `meet` keeps below 1e3.
 ROUNDING = 1e-11
 LARGEST = 1e3
+FARTHEST = 1e6  # the same of `above`, which allows for how large they are
 
 
 @njit(cache=True, inline="always")
@@ -61,25 +62,24 @@ def jacobi(m, v):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def meet(a, b, fallback, m, v):  # type: ignore[no-untyped-def]
-    """Return a covariance (6,) below both A and B: L min(1, D) Lᵀ where A = LLᵀ, B = L D Lᵀ.
+def by_root(a, b, largest, m):  # type: ignore[no-untyped-def]
+    """Fill `m` (3, 3) with L⁻¹ B L⁻ᵀ where A = LLᵀ; return whether it is any use, and L.
 
-    It is a maximal lower bound, and scaling the axes scales it, which is not so of
-    ½(A + B − |A − B|), nor of the same in information form. `fallback` (6,), known to be below
-    both, is returned where A is singular or B far larger. `m`, `v` (3, 3) are scratch.
+    L is l00, l10, l11, l20, l21, l22. It is none where A is singular, or the trace of `m` is not
+    below `largest`.
     """
     l00 = math.sqrt(max(a[0], 0.0))
     if l00 <= 0.0:
-        return fallback
+        return False, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     l10, l20 = a[1] / l00, a[2] / l00
     rest = a[3] - l10 * l10
     if rest <= 1e-12 * a[3]:
-        return fallback
+        return False, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     l11 = math.sqrt(rest)
     l21 = (a[4] - l20 * l10) / l11
     rest = a[5] - l20 * l20 - l21 * l21
     if rest <= 1e-12 * a[5]:
-        return fallback
+        return False, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     l22 = math.sqrt(rest)
     m[0, 0], m[0, 1], m[0, 2] = b[0], b[1], b[2]
     m[1, 0], m[1, 1], m[1, 2] = b[1], b[3], b[4]
@@ -92,18 +92,40 @@ def meet(a, b, fallback, m, v):  # type: ignore[no-untyped-def]
         m[i, 0] /= l00
         m[i, 1] = (m[i, 1] - l10 * m[i, 0]) / l11
         m[i, 2] = (m[i, 2] - l20 * m[i, 0] - l21 * m[i, 1]) / l22
-    if not m[0, 0] + m[1, 1] + m[2, 2] < LARGEST:
-        return fallback
+    useful = m[0, 0] + m[1, 1] + m[2, 2] < largest
     for i in range(3):
         for j in range(i):
             m[i, j] = m[j, i] = 0.5 * (m[i, j] + m[j, i])
+    return useful, (l00, l10, l11, l20, l21, l22)
+
+
+@njit(cache=True)
+def along(root, v, k):  # type: ignore[no-untyped-def]
+    """Return column k of L V (3,), L as `by_root` gives it."""
+    l00, l10, l11, l20, l21, l22 = root
+    return (
+        l00 * v[0, k],
+        l10 * v[0, k] + l11 * v[1, k],
+        l20 * v[0, k] + l21 * v[1, k] + l22 * v[2, k],
+    )
+
+
+@njit(cache=True)
+def meet(a, b, fallback, m, v):  # type: ignore[no-untyped-def]
+    """Return a covariance (6,) below both A and B: L min(1, D) Lᵀ where A = LLᵀ, B = L D Lᵀ.
+
+    It is a maximal lower bound, and scaling the axes scales it, which is not so of
+    ½(A + B − |A − B|), nor of the same in information form. `fallback` (6,), known to be below
+    both, is returned where A is singular or B far larger. `m`, `v` (3, 3) are scratch.
+    """
+    useful, root = by_root(a, b, LARGEST, m)
+    if not useful:
+        return fallback
     jacobi(m, v)
     o0, o1, o2, o3, o4, o5 = a[0], a[1], a[2], a[3], a[4], a[5]
     for k in range(3):
         if m[k, k] < 1.0:
-            x = l00 * v[0, k]
-            y = l10 * v[0, k] + l11 * v[1, k]
-            z = l20 * v[0, k] + l21 * v[1, k] + l22 * v[2, k]
+            x, y, z = along(root, v, k)
             w = 1.0 - m[k, k]
             o0 -= w * x * x
             o1 -= w * x * y
@@ -113,6 +135,35 @@ def meet(a, b, fallback, m, v):  # type: ignore[no-untyped-def]
             o5 -= w * z * z
     f = 1.0 - ROUNDING
     return (f * o0, f * o1, f * o2, f * o3, f * o4, f * o5)
+
+
+@njit(cache=True)
+def above(a, b, m, v):  # type: ignore[no-untyped-def]
+    """Return a covariance (6,) above both A and B: L max(1, D) Lᵀ where A = LLᵀ, B = L D Lᵀ.
+
+    It is a minimal upper bound. A + B is returned where A is singular or B far larger. `m`, `v`
+    (3, 3) are scratch.
+    """
+    useful, root = by_root(a, b, FARTHEST, m)
+    if not useful:
+        return (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5])
+    largest = 1.0 + m[0, 0] + m[1, 1] + m[2, 2]
+    jacobi(m, v)
+    o0, o1, o2, o3, o4, o5 = a[0], a[1], a[2], a[3], a[4], a[5]
+    for k in range(3):
+        if m[k, k] > 1.0:
+            x, y, z = along(root, v, k)
+            w = m[k, k] - 1.0
+            o0 += w * x * x
+            o1 += w * x * y
+            o2 += w * x * z
+            o3 += w * y * y
+            o4 += w * y * z
+            o5 += w * z * z
+    # eigenvalues are off by some ulp of the largest, and what is added is a multiple of A
+    f = ROUNDING * largest
+    o0, o1, o2 = o0 + f * a[0], o1 + f * a[1], o2 + f * a[2]
+    return (o0, o1, o2, o3 + f * a[3], o4 + f * a[4], o5 + f * a[5])
 
 
 @njit(cache=True, inline="always")

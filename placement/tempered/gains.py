@@ -16,7 +16,7 @@ from numba import njit, prange
 
 from placement.objectives.windows.filter import put6, row6
 from placement.tempered.crossings import ROW, after, cross, run_through, work_space, worth
-from placement.tempered.process import predict_ahead, prior_at, step_on
+from placement.tempered.process import carry, predict_ahead, prior_at, step_on
 
 # A gain is a difference of sums of a few hundred logarithms, 1e-13 off each; far more is allowed.
 GAIN_ABSOLUTE = 1e-9
@@ -209,15 +209,11 @@ def _triple_gains_of(  # type: ignore[no-untyped-def]
                         p_s = ahead_of(process, row6(by_h, s - 1), s)
                     else:
                         p_s = prior_at(process, s)
-                    p_j = p_s
-                    for t in range(s + 1, first[j] + 1):
-                        p_j = ahead_of(process, p_j, t)
+                    p_j = carry(process, p_s, s, first[j])
                     if first[k] <= last[j]:
                         gain = worth(p_s, joint[m - begin]) - worth(p_j, rows[j])
                     else:
-                        p_k = after(p_j, rows[j])
-                        for t in range(last[j] + 1, first[k] + 1):
-                            p_k = ahead_of(process, p_k, t)
+                        p_k = carry(process, after(p_j, rows[j]), last[j], first[k])
                         gain = worth(p_k, rows[k])
                 gain = min(gain, alone[k])
             out[at] = rounded_up(np.float64(out[at]) + weight * max(gain, 0.0))
@@ -306,9 +302,7 @@ def set_gains(process, cameras, rows, held, targets):  # type: ignore[no-untyped
         if first[k] < first[seeing[begins[c]]]:
             before = prior_at(process, first[k])
             if c > 0:
-                before = row6(car, ends[c - 1])
-                for t in range(ends[c - 1] + 1, first[k] + 1):
-                    before = ahead_of(process, before, t)
+                before = carry(process, row6(car, ends[c - 1]), ends[c - 1], first[k])
         set_covariance(space[0], before)
         joint = run_through(process, cameras, members, start, stop, space, none, np.empty((0, 6)))
         for i in members:

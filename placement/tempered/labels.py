@@ -5,7 +5,7 @@ any path that it stands for leaves there. So the gain of k given j and the whole
 at most its gain given j for a car that comes with U: measurements of the path after that sample
 are left out of the condition, and conditioning on less, or on a car that knows less, only raises a
 gain. Labels are passed on from camera to camera in the order of the line, and where the labels of
-several paths meet they are replaced by one above them all (`above`). Paths that cannot lead to
+several paths meet they are replaced by one above them all. Paths that cannot lead to
 anything worth having are not passed on, so that labels stand for the others only.
 """
 
@@ -17,14 +17,12 @@ import numpy as np
 from numba import njit
 
 from models.geometry import FloatArray
-from placement.diagram.order import below, jacobi
+from placement.diagram.order import above, below
 from placement.objectives.windows.filter import put6, row6
 from placement.tempered.crossings import ROW, cross, run_through, work_space, worth
 from placement.tempered.gains import ahead_of, rounded_up, set_covariance
-from placement.tempered.process import predict_ahead, prior_at
+from placement.tempered.process import carry, predict_ahead, prior_at
 
-ROUNDING = 1e-11  # what `above` adds for its own rounding
-FARTHEST = 1e6  # ratio of variances beyond which the sum of both does
 EMPTY = -1.0  # in place of a variance: nothing has been passed on to the label
 
 
@@ -49,70 +47,6 @@ class Hope(NamedTuple):
     span: float
     grades: int
     spare: float
-
-
-@njit(cache=True)
-def above(a, b, m, v):  # type: ignore[no-untyped-def]
-    """Return a covariance (6,) above both A and B: L max(1, D) Lᵀ where A = LLᵀ, B = L D Lᵀ.
-
-    It is a minimal upper bound. A + B is returned where A is singular or B far larger. `m`, `v`
-    (3, 3) are scratch.
-    """
-    both = (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5])
-    if a[0] <= 0.0:
-        return both
-    l00 = np.sqrt(a[0])
-    l10, l20 = a[1] / l00, a[2] / l00
-    rest = a[3] - l10 * l10
-    if rest <= 1e-12 * a[3]:
-        return both
-    l11 = np.sqrt(rest)
-    l21 = (a[4] - l20 * l10) / l11
-    rest = a[5] - l20 * l20 - l21 * l21
-    if rest <= 1e-12 * a[5]:
-        return both
-    l22 = np.sqrt(rest)
-    m[0, 0], m[0, 1], m[0, 2] = b[0], b[1], b[2]
-    m[1, 0], m[1, 1], m[1, 2] = b[1], b[3], b[4]
-    m[2, 0], m[2, 1], m[2, 2] = b[2], b[4], b[5]
-    for i in range(3):
-        m[0, i] /= l00
-        m[1, i] = (m[1, i] - l10 * m[0, i]) / l11
-        m[2, i] = (m[2, i] - l20 * m[0, i] - l21 * m[1, i]) / l22
-    for i in range(3):
-        m[i, 0] /= l00
-        m[i, 1] = (m[i, 1] - l10 * m[i, 0]) / l11
-        m[i, 2] = (m[i, 2] - l20 * m[i, 0] - l21 * m[i, 1]) / l22
-    if not m[0, 0] + m[1, 1] + m[2, 2] < FARTHEST:
-        return both
-    for i in range(3):
-        for j in range(i):
-            m[i, j] = m[j, i] = 0.5 * (m[i, j] + m[j, i])
-    largest = 1.0 + m[0, 0] + m[1, 1] + m[2, 2]
-    jacobi(m, v)
-    o0, o1, o2, o3, o4, o5 = a[0], a[1], a[2], a[3], a[4], a[5]
-    for k in range(3):
-        if m[k, k] > 1.0:
-            x = l00 * v[0, k]
-            y = l10 * v[0, k] + l11 * v[1, k]
-            z = l20 * v[0, k] + l21 * v[1, k] + l22 * v[2, k]
-            w = m[k, k] - 1.0
-            o0 += w * x * x
-            o1 += w * x * y
-            o2 += w * x * z
-            o3 += w * y * y
-            o4 += w * y * z
-            o5 += w * z * z
-    # eigenvalues are off by some ulp of the largest, and what is added is a multiple of A
-    f = ROUNDING * largest
-    return (
-        o0 + f * a[0],
-        o1 + f * a[1],
-        o2 + f * a[2],
-        o3 + f * a[3],
-        o4 + f * a[4],
-        o5 + f * a[5],
-    )
 
 
 @njit(cache=True)
@@ -148,10 +82,7 @@ def car_at(process, t, by, first, last, early, entry, early_at):  # type: ignore
         return entry
     if t < early_at:
         return prior_at(process, t)
-    p = early
-    for s in range(early_at + 1, t + 1):
-        p = ahead_of(process, p, s)
-    return p
+    return carry(process, early, early_at, t)
 
 
 @njit(cache=True)
@@ -268,10 +199,8 @@ def _gains_of_arc(  # type: ignore[no-untyped-def]
                     cross(process, cameras, two, s, max(last_j, last_k), space, row)
                     crossed = True
                 p_j = e_j if s == first_j else at_k
-                gain = worth(p_j, row)
-                for t in range(s + 1, first_j + 1):
-                    p_j = ahead_of(process, p_j, t)
-                gain = min(gain - worth(p_j, rows[j]), alone[k])
+                gain = worth(p_j, row) - worth(carry(process, p_j, s, first_j), rows[j])
+                gain = min(gain, alone[k])
             elif whole[k]:
                 gain = min(worth(at_k, rows[k]), alone[k])
         if last_k < 0:

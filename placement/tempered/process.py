@@ -175,6 +175,14 @@ def step_on(p, f, q, t):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def carry(process, p, start, stop):  # type: ignore[no-untyped-def]
+    """Return the covariance (6,) at sample `stop` of a car that nobody looks at since `start`."""
+    for t in range(start + 1, stop + 1):
+        p = step_on(p, process.f, process.q, t)
+    return p
+
+
+@njit(cache=True)
 def predict_ahead(process, p, start, stop, out):  # type: ignore[no-untyped-def]
     """Fill rows start + 1 … stop of `out` (t, 6): the covariances ahead of `p` after `start`."""
     for t in range(start + 1, stop + 1):
