@@ -23,7 +23,6 @@ import numpy as np
 
 from models.geometry import FloatArray, IntArray
 from placement.bounds.concave import best_fraction
-from placement.bounds.matroid import root_choice, without
 from placement.objectives.base import State
 from placement.objectives.entropy import Entropy
 from placement.problem import Problem, Run
@@ -35,7 +34,7 @@ from placement.solvers.search import Kicks
 from placement.tempered.background import background_of, stand_in
 from placement.tempered.bound import Line, SecondOrder, Tempered, make_line
 from placement.tempered.diagram import Diagram
-from placement.tempered.dominance import dominated
+from placement.tempered.dominance import undominated
 from placement.tempered.paths import OutOfTimeError
 from placement.tempered.search import search
 
@@ -141,13 +140,7 @@ class Proof:
     def _relax(self) -> Line | None:
         """Bound by the concave relaxation; return who is left, None where chains cannot go."""
         constraints = self.problem.constraints
-        choice = root_choice(constraints)
-        # where poses of a mount may differ in price, more knowledge is not always better
-        if self.white and not constraints.beyond_matroid():
-            seen_by = [drive.information for drive in self.objective.drives]
-            lost = dominated(seen_by, constraints.group, choice.allowed)
-            lost[constraints.required] = False
-            choice = without(choice, lost)
+        choice = undominated(self.objective, constraints)
         self.run.progress("solving the concave relaxation", None)
         relaxation = self.inner
         longer = self._for_a_share(LONGER_SHARE).deadline

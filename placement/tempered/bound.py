@@ -75,6 +75,12 @@ class Line:
             self.alive[np.ix_(keep, keep)],
         )
 
+    def over_arcs(self, alive: BoolArray, single: BoolArray) -> Line:
+        """Return the line over the arcs `alive` (n, n), and cameras that may be alone, (n,)."""
+        keep = np.flatnonzero(alive.any(axis=0) | alive.any(axis=1) | self.required | single)
+        smaller = self.subset(keep)
+        return Line(smaller.candidate, smaller.group, smaller.required, alive[np.ix_(keep, keep)])
+
     @property
     def may_start(self) -> BoolArray:
         """Mark the positions that no required candidate precedes."""
@@ -305,10 +311,7 @@ class SecondOrder:
         good = paths.best_through(self.F, self.B) >= self.first.threshold(beat)
         alive = np.zeros_like(line.alive)
         alive[self.arcs.source[good], self.arcs.target[good]] = True
-        single = self.first.alone + self.ends >= self.first.threshold(beat)
-        keep = np.flatnonzero(alive.any(axis=0) | alive.any(axis=1) | line.required | single)
-        smaller = line.subset(keep)
-        return Line(smaller.candidate, smaller.group, smaller.required, alive[np.ix_(keep, keep)])
+        return line.over_arcs(alive, self.first.alone + self.ends >= self.first.threshold(beat))
 
 
 def triples_that_meet(arcs: paths.Arcs, cameras: Cameras) -> float:

@@ -13,12 +13,12 @@ import numpy as np
 
 from models.geometry import FloatArray
 from placement.bounds.concave import best_fraction
-from placement.bounds.matroid import root_choice, without
+from placement.bounds.matroid import root_choice
 from placement.objectives.entropy import Entropy
 from placement.problem import Problem, Run
 from placement.tempered.background import background_of, stand_in
 from placement.tempered.bound import Tempered, make_line
-from placement.tempered.dominance import dominated
+from placement.tempered.dominance import undominated
 from placement.tempered.paths import OutOfTimeError
 
 SHARES = (1.0, 0.85)
@@ -31,27 +31,22 @@ def chain_bounds(problem: Problem, objective: Entropy, run: Run) -> FloatArray:
     constraints = problem.constraints
     k = constraints.budget
     best = np.full(k + 1, np.inf)
-    choice = root_choice(constraints)
-    white = stand_in(objective)
-    if white is objective and not constraints.beyond_matroid():
-        seen_by = [drive.information for drive in objective.drives]
-        lost = dominated(seen_by, constraints.group, choice.allowed)
-        lost[constraints.required] = False
-        choice = without(choice, lost)
     seeing = np.zeros(constraints.n, dtype=np.bool_)
     for drive in objective.drives:
         seeing |= np.diff(drive.information.indptr) > 0
     seeing[constraints.required] = True
-    candidates = np.flatnonzero(choice.allowed & seeing)
+    candidates = np.flatnonzero(undominated(objective, constraints).allowed & seeing)
     if k < 1 or not candidates.size or candidates.size > MOST_CANDIDATES:
         return best
     middle = replace(constraints, budget=max(int(MIDDLE * k), constraints.required.size, 1))
+    white = stand_in(objective)
     y = best_fraction(white, root_choice(middle), run, tolerance=1e-3).x
+    background = background_of(white, y)
     line = make_line(objective, constraints, candidates)
     try:
         for share in SHARES:
             run.progress(f"all budgets by the tempered chain, share {share:g}", None)
-            chain = Tempered(objective, line, k, share, background_of(white, y), run)
+            chain = Tempered(objective, line, k, share, background, run)
             best = np.minimum(best, chain.bounds())
     except OutOfTimeError:
         pass

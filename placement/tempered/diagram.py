@@ -156,10 +156,7 @@ class Diagram:
         good = states.reaching(self.layout, self.gains, self.F, self.B, least)
         alive: BoolArray = np.zeros_like(line.alive)
         alive[arcs.source[arcs.out[good]], arcs.target[arcs.out[good]]] = True
-        single = self.first.alone + self.first.ends >= least
-        keep = np.flatnonzero(alive.any(axis=0) | alive.any(axis=1) | line.required | single)
-        smaller = line.subset(keep)
-        return Line(smaller.candidate, smaller.group, smaller.required, alive[np.ix_(keep, keep)])
+        return line.over_arcs(alive, self.first.alone + self.first.ends >= least)
 
 
 def last_worth(first: Tempered) -> float:

@@ -13,7 +13,25 @@ import numpy as np
 from numba import njit
 
 from models.geometry import BoolArray, IntArray
+from placement.bounds.matroid import Choice, root_choice, without
+from placement.constraints import Constraints
 from placement.information import Information
+from placement.objectives.entropy import Entropy
+
+
+def undominated(objective: Entropy, constraints: Constraints) -> Choice:
+    """Return what may be chosen, without the poses of white cameras that others dominate.
+
+    Where offsets persist blocks do not say who knows more, and where poses of a mount may differ in
+    price more knowledge is not always better: then nobody is left out.
+    """
+    choice = root_choice(constraints)
+    if any(drive.persistent for drive in objective.drives) or constraints.beyond_matroid():
+        return choice
+    seen_by = [drive.information for drive in objective.drives]
+    lost = dominated(seen_by, constraints.group, choice.allowed)
+    lost[constraints.required] = False
+    return without(choice, lost)
 
 
 def dominated(seen_by: Sequence[Information], group: IntArray, allowed: BoolArray) -> BoolArray:
