@@ -12,6 +12,7 @@ import pytest
 from models.geometry import FloatArray, IntArray
 from placement.constraints import Constraints
 from placement.information import Information
+from placement.information.chunks import ChunkStore
 from placement.objectives.base import State
 from placement.objectives.localisation import Localisation
 from placement.problem import Problem
@@ -186,3 +187,23 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     Drawing takes ten times as long as solving so small an instance.
     """
     monkeypatch.setattr("placement.commands.entry_points", lambda group: [])
+
+
+@pytest.fixture
+def stop_writing_after(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], list[int]]:
+    """List the chunks that are written from the call on; the n-th is followed by Ctrl-C."""
+
+    def begin(n: int) -> list[int]:
+        numbers: list[int] = []
+        write = ChunkStore.write
+
+        def note(store: ChunkStore, number: int, content: bytes) -> None:
+            write(store, number, content)
+            numbers.append(number)
+            if len(numbers) == n:
+                raise KeyboardInterrupt
+
+        monkeypatch.setattr(ChunkStore, "write", note)
+        return numbers
+
+    return begin

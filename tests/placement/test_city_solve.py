@@ -16,7 +16,7 @@ from placement import commands, verify
 from placement.assemble import assemble, build_errors
 from placement.cli import main
 from placement.commands import INFORMATION, solve_into, validate_in
-from placement.information import chunks, quarters
+from placement.information import quarters
 from placement.information.reference import dense_information
 from placement.instance import load_instance
 from placement.referee.nearby import information_nearby, localisation_nearby
@@ -80,22 +80,6 @@ def town(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-@pytest.fixture
-def written(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """List the chunks that are written; the second is followed by Ctrl-C."""
-    numbers: list[int] = []
-    write = chunks.ChunkStore.write
-
-    def note(store: chunks.ChunkStore, number: int, content: bytes) -> None:
-        write(store, number, content)
-        numbers.append(number)
-        if len(numbers) == 2:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(chunks.ChunkStore, "write", note)
-    return numbers
-
-
 def test_auto_cuts_a_city_into_regions_and_the_referee_finds_the_same(
     town: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -126,10 +110,11 @@ def test_auto_leaves_money_to_greedy(town: Path) -> None:
 
 def test_ctrl_c_leaves_what_is_done_and_the_same_command_goes_on(
     town: Path,
-    written: list[int],
+    stop_writing_after: Callable[[int], list[int]],
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
+    written = stop_writing_after(2)
     out = town.parent / "out"
     words = ["placement", "solve", str(town), "--out", str(out), "--quiet"]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -35,7 +36,6 @@ from placement.city.solve import (
 )
 from placement.cluster import Serial
 from placement.information import Information, compute_information
-from placement.information import chunks as chunks_module
 from placement.information.chunks import Chunk
 from placement.information.surroundings import Surroundings
 from placement.instance.schema import CameraSection, MountsSection
@@ -306,18 +306,12 @@ def test_unknown_methods_and_empty_budgets_are_refused(problem: CityProblem) -> 
 
 
 def test_a_stop_and_a_resume_compute_no_chunk_twice(
-    site: Site, problem: CityProblem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    site: Site,
+    problem: CityProblem,
+    tmp_path: Path,
+    stop_writing_after: Callable[[int], list[int]],
 ) -> None:
-    written: list[int] = []
-    write = chunks_module.ChunkStore.write
-
-    def stop_after_two(store: chunks_module.ChunkStore, number: int, content: bytes) -> None:
-        write(store, number, content)
-        written.append(number)
-        if len(written) == 2:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(chunks_module.ChunkStore, "write", stop_after_two)
+    written = stop_writing_after(2)
     with pytest.raises(KeyboardInterrupt):
         compute_city(site, open_store(tmp_path, site, {}))
     assert compute_city(site, open_store(tmp_path, site, {})) == site.n_chunks - 2

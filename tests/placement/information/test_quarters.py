@@ -18,7 +18,6 @@ from models.obstacles import Obstacles
 from models.roads import RoadPoints
 from placement.cluster import Serial
 from placement.information import Information, compute_information, quarters
-from placement.information import chunks as chunks_module
 from placement.information.quarters import quarter_information
 
 REACH_M = 40.0
@@ -126,25 +125,10 @@ def test_without_buildings_nothing_is_hidden(town: Row) -> None:
     )
 
 
-@pytest.fixture
-def written(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """List the chunks that are written from here on; the third is followed by Ctrl-C."""
-    numbers: list[int] = []
-    write = chunks_module.ChunkStore.write
-
-    def note(store: chunks_module.ChunkStore, number: int, content: bytes) -> None:
-        write(store, number, content)
-        numbers.append(number)
-        if len(numbers) == 3:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(chunks_module.ChunkStore, "write", note)
-    return numbers
-
-
 def test_a_stop_and_a_resume_compute_no_quarter_twice(
-    town: Row, written: list[int], tmp_path: Path
+    town: Row, stop_writing_after: Callable[[int], list[int]], tmp_path: Path
 ) -> None:
+    written = stop_writing_after(3)
     cameras, points, obstacles = town
     errors = ErrorModel("covariance", persistent=False)
 
