@@ -12,8 +12,8 @@ import numpy as np
 from models.geometry import FloatArray, IntArray
 
 # Counters of a sweep, in an int64 array.
-NODES, ARCS, POOL, FREE, FULL, MERGES, PRUNED = range(7)
-N_COUNTERS = 7
+NODES, ARCS, POOL, FREE, FULL, MERGES, PRUNED, LOOKS = range(8)
+N_COUNTERS = 8
 # Labels inside a cluster are kept apart by the camera whose view lasts longest (its last sample,
 # and its family among those of the same) and by how long the second lasts: its class, by share
 # of the span; class 0 is a cluster of one so far.
@@ -41,6 +41,8 @@ class Views(NamedTuple):
     family: IntArray
     families: int
     span: int
+    rest: FloatArray  # (t, span, 3) what the cameras beyond the last count may add that start at t
+    rest_length: IntArray  # (t,) for how many samples; 0 where all cameras are counted
 
 
 class Table(NamedTuple):
@@ -58,7 +60,9 @@ class Rules(NamedTuple):
     `threshold`: placements that cost as much are forgotten. `width`: labels a sample and count;
     `epsilon`: labels this near are merged in any case, `slack`: more so where they promise less.
     `coarse`, `coarse_width`: the same for labels from which clusters start. `slots`: labels inside
-    clusters for each end and class. `probing`: labels start everywhere, from the floor.
+    clusters for each end and class. `probing`: labels start everywhere, from the floor. `price`:
+    what a camera costs, in the unit of the sum; if that is not 0, cameras are paid for and not
+    counted: labels have count 0, and inside clusters how many joined at this sample, and 1.
     """
 
     threshold: float
@@ -69,6 +73,7 @@ class Rules(NamedTuple):
     coarse_width: int
     slots: int
     probing: bool
+    price: float
 
 
 class Pool(NamedTuple):

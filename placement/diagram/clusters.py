@@ -31,13 +31,15 @@ def begin_clusters(  # type: ignore[no-untyped-def]
     sources, targets, moves, costs = arcs.source, arcs.target, arcs.move, arcs.cost
     ptr, blocks, families, span = views.ptr, views.blocks, views.families, views.span
     floor_cost, t_end, slots = road.floor_cost, road.steps.shape[0], rules.slots
+    price, threshold = rules.price, rules.threshold
+    with_another = 0 if price > 0.0 else m + 2
     for g in range(rough):
         q = row(rough_p, g)
         for v in range(views.at[t], views.at[t + 1]):
             length = ptr[v + 1] - ptr[v]
-            ahead = floor_cost[t + length] - floor_cost[t]
-            ahead += hope_of_more(t + length, m + 2, span, t_end, floor_cost, hope)
-            if rough_cost[g] + ahead > rules.threshold:
+            ahead = floor_cost[t + length] - floor_cost[t] + 2.0 * price
+            ahead += hope_of_more(t + length, with_another, span, t_end, floor_cost, hope)
+            if rough_cost[g] + ahead > threshold:
                 togo[lead + g] = min(togo[lead + g], ahead)
                 continue
             at = slot_of(t % 2, m + 1, length, views.family[v], 0, k, span, families, slots)
@@ -45,7 +47,7 @@ def begin_clusters(  # type: ignore[no-untyped-def]
                 at,
                 slots,
                 q,
-                rough_cost[g],
+                rough_cost[g] + price,
                 node,
                 cost_of,
                 near_of,
@@ -59,7 +61,7 @@ def begin_clusters(  # type: ignore[no-untyped-def]
                 e = ptr[v] + x
                 merge_block(blocks_of[s, x], blocks[e, 0], blocks[e, 1], blocks[e, 2], fresh)
             second_of[s] = 0
-            record(sources, targets, moves, costs, counter, lead + g, node[s], v, 0.0)
+            record(sources, targets, moves, costs, counter, lead + g, node[s], v, price)
 
 
 @njit(cache=True)
@@ -83,10 +85,14 @@ def continue_clusters(t, m, k, road, views, rules, hope, table, storage, mat, ve
     values = pool.value
     lo, hi, table_p, table_togo = table.lo, table.hi, table.p, table.togo
     ptr, blocks, family_of = views.ptr, views.blocks, views.family
+    rest, unbounded = views.rest, views.rest_length[t] if m + 1 == k else 0
     begin, end = views.at[t], views.at[t + 1] if m < k else views.at[t]
     families, span, slots, threshold = views.families, views.span, rules.slots, rules.threshold
     floor_cost, t_end = road.floor_cost, road.steps.shape[0]
     base, steps, w_tt, w_nn = road.base, road.steps, road.w_tt, road.w_nn
+    price, probing = rules.price, rules.probing
+    # counts of labels: at cuts now and with one camera more; inside, at the next sample
+    now, more, inside = (0, 0, 1) if price > 0.0 else (m, m + 1, m)
     for length in range(1, span + 1):
         for key in range(families * CLASSES):
             family, kind = key // CLASSES, key % CLASSES
@@ -97,20 +103,31 @@ def continue_clusters(t, m, k, road, views, rules, hope, table, storage, mat, ve
                     continue
                 node[s] = -1
                 p = row(p_of, s)
-                cost = 0.0 if rules.probing else cost_of[s]
+                cost = 0.0 if probing else cost_of[s]
                 for v in range(begin, end):
                     own = ptr[v + 1] - ptr[v]
-                    total = max(own, length)
-                    ahead = floor_cost[t + total] - floor_cost[t] + hope[t + total, m + 1]
+                    total = max(own, length, unbounded)
+                    ahead = floor_cost[t + total] - floor_cost[t] + price + hope[t + total, more]
                     if cost + ahead > threshold:
                         togo[parent] = min(togo[parent], ahead)
                         continue
-                    second = max(min(own, length), second_of[s])
+                    second = max(min(own, length), second_of[s], unbounded)
                     after = second_class(second, span)
                     longest = family_of[v] if own >= length else family
                     at = slot_of(t % 2, m + 1, total, longest, after, k, span, families, slots)
                     r, fresh = put_pending(
-                        at, slots, p, cost, node, cost_of, near_of, p_of, togo, counter, mat, vec
+                        at,
+                        slots,
+                        p,
+                        cost + price,
+                        node,
+                        cost_of,
+                        near_of,
+                        p_of,
+                        togo,
+                        counter,
+                        mat,
+                        vec,
                     )
                     for x in range(total):
                         j0, j1, j2 = 0.0, 0.0, 0.0
@@ -119,9 +136,11 @@ def continue_clusters(t, m, k, road, views, rules, hope, table, storage, mat, ve
                         if x < own:
                             e = ptr[v] + x
                             j0, j1, j2 = j0 + blocks[e, 0], j1 + blocks[e, 1], j2 + blocks[e, 2]
+                        if x < unbounded:
+                            j0, j1, j2 = j0 + rest[t, x, 0], j1 + rest[t, x, 1], j2 + rest[t, x, 2]
                         merge_block(blocks_of[r, x], j0, j1, j2, fresh)
                     second_of[r] = second if fresh else max(second, second_of[r])
-                    record(sources, targets, moves, costs, counter, parent, node[r], v, 0.0)
+                    record(sources, targets, moves, costs, counter, parent, node[r], v, price)
                 if kind == 0 and (length == 1 or m == k):
                     continue  # a cluster of one: its own path has it
                 j = blocks_of[s, 0]
@@ -139,7 +158,7 @@ def continue_clusters(t, m, k, road, views, rules, hope, table, storage, mat, ve
                         paid,
                         q,
                         t + 1,
-                        m,
+                        now,
                         -1,
                         threshold,
                         lo,
@@ -160,15 +179,15 @@ def continue_clusters(t, m, k, road, views, rules, hope, table, storage, mat, ve
                 later = t + length
                 ahead = floor_cost[later] - floor_cost[t + 1]
                 if kind > 0:
-                    ahead += hope[later, m]
+                    ahead += hope[later, now]
                 else:
-                    ahead += hope_of_more(later, m + 1, span, t_end, floor_cost, hope)
+                    ahead += price + hope_of_more(later, more, span, t_end, floor_cost, hope)
                 if cost + paid + ahead > threshold:
                     togo[parent] = min(togo[parent], paid + ahead)
                     continue
                 second = max(0, second_of[s] - 1)
                 after = second_class(second, span) if kind > 0 else 0
-                at = slot_of(1 - t % 2, m, length - 1, family, after, k, span, families, slots)
+                at = slot_of(1 - t % 2, inside, length - 1, family, after, k, span, families, slots)
                 r, fresh = put_pending(
                     at,
                     slots,

@@ -31,13 +31,14 @@ def extend_alone(t, m, first, kept, k, road, views, rules, table, storage):  # t
     head, following, pool = storage.pool.head, storage.pool.next, storage.pool
     parents, moves, values = pool.parent, pool.move, pool.value
     counter = storage.counter
+    price, probing, threshold = rules.price, rules.probing, rules.threshold
     t_end, begin = steps.shape[0], views.at[t]
     end = views.at[t + 1] if m < k else begin
     for parent in range(first, first + kept):
         for v in range(begin - 1, end):
             waiting = v < begin
             q = row(node_p, parent)
-            paid = 0.0
+            paid = 0.0 if waiting else price
             stop = t + 1 if waiting else t + ptr[v + 1] - ptr[v]
             e = -1 if waiting else ptr[v]
             for s in range(t, stop):
@@ -54,13 +55,13 @@ def extend_alone(t, m, first, kept, k, road, views, rules, table, storage):  # t
                     q = predict(q, steps[s + 1])
             deposit(
                 parent,
-                0.0 if rules.probing else node_cost[parent],
+                0.0 if probing else node_cost[parent],
                 paid,
                 q,
                 stop,
-                m if waiting else m + 1,
+                m if waiting or price > 0.0 else m + 1,
                 -1 if waiting else v,
-                rules.threshold,
+                threshold,
                 lo,
                 hi,
                 table_p,

@@ -124,16 +124,40 @@ def undominated(
     indptr: IntArray, indices: np.ndarray, blocks: FloatArray, usable: BoolArray
 ) -> IntArray:
     """Return the usable candidates that see something and that no other exceeds everywhere."""
+    seeing, stand_in = stand_ins(indptr, indices, blocks, usable)
+    kept: IntArray = seeing[stand_in == seeing]
+    return kept
+
+
+def stand_ins(
+    indptr: IntArray, indices: np.ndarray, blocks: FloatArray, usable: BoolArray
+) -> tuple[IntArray, IntArray]:
+    """Return the usable candidates that see something, and for each one that exceeds it.
+
+    The latter (its own number where no other does) is exceeded by none itself.
+    """
     seeing = np.flatnonzero(usable & (np.diff(indptr) > 0))
     first = indices[indptr[seeing]].astype(np.int64)
     last = indices[indptr[seeing + 1] - 1].astype(np.int64)
     sums = np.concatenate(([0.0], np.cumsum(blocks[:, 0] + blocks[:, 2])))
     worth = sums[indptr[seeing + 1]] - sums[indptr[seeing]]
     order = np.lexsort((seeing, -worth))
-    dead = np.zeros(seeing.size, dtype=np.bool_)
-    _dominate(indptr, indices, blocks, seeing, first, last, order, dead)
-    kept: IntArray = seeing[~dead]
-    return kept
+    stand_in = np.arange(seeing.size)
+    _dominate(indptr, indices, blocks, seeing, first, last, order, stand_in)
+    return seeing, seeing[stand_in]
+
+
+def most_starting(drive: WhiteDrive, usable: BoolArray, group: IntArray) -> IntArray:
+    """Return how many cameras of a placement can start at each sample at most, (t,).
+
+    At most one of each `group` (c,) is placed, if that is not negative; where a camera is no move
+    of its own, it starts where the one does that stands in for it.
+    """
+    seeing, stand_in = stand_ins(drive.indptr, drive.indices, three_columns(drive), usable)
+    start = drive.indices[drive.indptr[stand_in]].astype(np.int64)
+    own = np.where(group >= 0, group, group.max(initial=0) + 1 + np.arange(group.size))[seeing]
+    pairs = np.unique(np.column_stack([start, own]), axis=0)
+    return np.bincount(pairs[:, 0], minlength=drive.n_samples)
 
 
 @njit(cache=True)
@@ -150,14 +174,14 @@ def _join_range(indices, blocks, start, stop, join):  # type: ignore[no-untyped-
 
 
 @njit(cache=True)
-def _dominate(indptr, indices, blocks, seeing, first, last, order, dead):  # type: ignore[no-untyped-def]
-    """Mark candidates that one of greater total information, earlier in `order`, exceeds."""
+def _dominate(indptr, indices, blocks, seeing, first, last, order, stand_in):  # type: ignore[no-untyped-def]
+    """Replace candidates that one of greater total information, earlier in `order`, exceeds."""
     for a in range(order.size):
         x = order[a]
         i = seeing[x]
         for b in range(a):
             y = order[b]
-            if dead[y] or first[y] > first[x] or last[y] < last[x]:
+            if stand_in[y] != y or first[y] > first[x] or last[y] < last[x]:
                 continue
             e, stop = indptr[seeing[y]], indptr[seeing[y] + 1]
             exceeded = True
@@ -179,5 +203,5 @@ def _dominate(indptr, indices, blocks, seeing, first, last, order, dead):  # typ
                     exceeded = False
                     break
             if exceeded:
-                dead[x] = True
+                stand_in[x] = y
                 break

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -10,35 +9,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from models.geometry import BoolArray, FloatArray, IntArray
-from placement.diagram.arrays import (
-    ARCS,
-    FULL,
-    NODES,
-    Arcs,
-    Road,
-    Rules,
-    Views,
-    add_root,
-    empty_table,
-    new_storage,
-)
-from placement.diagram.moves import floor_information, make_moves
-from placement.diagram.sweep import forward, near_form
-from placement.diagram.togo import backward, hopes, least_by_cut, merged_table
+from placement.diagram.arrays import Rules, empty_table
+from placement.diagram.layout import lay_moves, road_above, views_of
+from placement.diagram.moves import floor_information
+from placement.diagram.single import sweep_once
+from placement.diagram.togo import hopes, least_by_cut, merged_table
 from placement.objectives.navigation import WhiteDrive
-from placement.objectives.windows.filter import empty_messages, filter_forward
 
-CHUNK = 4  # samples swept between looks at the clock
 ROUNDING = 1e-8  # relative; what bounds give up for rounding along the sweep
-MOST_NODES, MOST_ARCS, MOST_WAITING = 24_000_000, 80_000_000, 1_000_000
-# What labels inside clusters may hold: (cameras + 1)·span², some 3 kB each at eight slots.
-MOST_PENDING = 400_000
 EPSILON = 1e-4  # the least ratio between labels that are merged
 COARSE = 0.03  # the same for labels that try clusters
-
-
-class OutOfTime(Exception):  # noqa: N818 - a signal, not an error
-    """The sweep was stopped by the clock."""
 
 
 @dataclass(slots=True)
@@ -82,24 +62,11 @@ class Diagram:
         self.drive = drive
         self.weight = weight
         self.budget = budget
-        longest = max(1, math.isqrt(MOST_PENDING // (budget + 1)))
-        self.moves, beyond = make_moves(drive, usable, longest, budget)
-        self.base = drive.total(required) + beyond
+        self.moves, self.base = lay_moves(drive, usable, required, budget)
+        reach = max(1, drive.n_samples // (2 * max(budget, 1)))
         floor = drive.total(required) + floor_information(drive, usable, budget)
-        before, after, logs = empty_messages(drive.n_samples)
-        filter_forward(drive.steps, drive.p0, floor, before, after, logs)
-        paid = weight[0] * after[:, 0] + weight[1] * after[:, 3]
-        self.road = Road(
-            drive.steps,
-            self.base,
-            float(weight[0]),
-            float(weight[1]),
-            before * (1.0 - 1e-12),
-            np.concatenate(([0.0], np.cumsum(paid))) * (1.0 - 1e-12),
-            near_form(drive.steps, *weight, max(1, drive.n_samples // (2 * max(budget, 1)))),
-        )
-        m = self.moves
-        self.views = Views(m.ptr, m.blocks, m.at, m.family, m.families, m.span)
+        self.road = road_above(drive, weight, self.base, floor, reach)
+        self.views = views_of(self.moves, drive.n_samples)
         self._forget(np.full(budget + 1, np.inf))
         self.bounds = np.full(budget + 1, float(self.road.floor_cost[-1]))
 
@@ -155,7 +122,6 @@ class Diagram:
             self._forget(thresholds)
         thresholds = np.minimum(thresholds, self.thresholds)
         table = self.table
-        storage = new_storage(t, k, self.views, slots, MOST_NODES, MOST_ARCS, MOST_WAITING)
         rules = Rules(
             (np.inf if probing else 0.0) if several else float(thresholds[k]),
             width,
@@ -165,36 +131,30 @@ class Diagram:
             coarse_width,
             slots,
             probing,
+            0.0,
         )
         starts = -thresholds[asked] if several and not probing else np.zeros(asked.size)
-        for b, cost in zip(asked, starts, strict=True):
-            add_root(storage.pool, storage.counter, int(k - b), float(cost), self.drive.p0)
         hope = np.zeros((t + 1, k + 2))
-        hopes(self.road, self.views.span, table, self.cuts, hope)
-        bin_epsilon = np.zeros(k + 1)
-        roots: IntArray = np.empty(0, dtype=np.int64)
-        for begin in range(0, t, CHUNK):
-            if out_of_time():
-                raise OutOfTime
-            progress(begin / t)
-            end = min(t, begin + CHUNK)
-            forward(begin, end, k, self.road, self.views, rules, hope, table, bin_epsilon, storage)
-            if storage.counter[FULL]:
-                return None
-            if begin == 0:  # roots are the only labels to which an arc leads from nowhere
-                first = storage.arcs.source[: storage.counter[ARCS]]
-                roots = storage.arcs.target[np.flatnonzero(first < 0)].astype(np.int64)
-        nodes, arcs = storage.nodes, storage.arcs
-        n = int(storage.counter[NODES])
-        best_arc = np.full(n, -1, dtype=np.int64)
-        backward(
-            int(storage.counter[ARCS]), arcs.source, arcs.target, arcs.cost, nodes.togo, best_arc
+        hopes(self.road, self.views.span, 0.0, table, self.cuts, hope)
+        roots_at = [(int(k - b), float(cost)) for b, cost in zip(asked, starts, strict=True)]
+        swept = sweep_once(
+            self.drive.p0,
+            self.road,
+            self.views,
+            rules,
+            hope,
+            table,
+            k,
+            roots_at,
+            out_of_time,
+            progress,
         )
+        if swept is None:
+            return None
+        nodes, roots = swept.nodes, swept.roots
         found = np.full(k + 1, np.nan)
         found[asked] = nodes.togo[roots] * (1.0 - ROUNDING)
-        paths = {
-            int(b): self._path(int(r), best_arc, arcs) for b, r in zip(asked, roots, strict=True)
-        }
+        paths = {int(b): swept.path(int(r), self.moves) for b, r in zip(asked, roots, strict=True)}
         found = np.minimum(found, thresholds)  # the rest was forgotten
         self.bounds = np.fmax(self.bounds, found)
         self.thresholds = thresholds
@@ -204,21 +164,11 @@ class Diagram:
         return Outcome(
             float(found[k]),
             paths[k],
-            n,
+            swept.labels,
             width,
-            float(bin_epsilon.max()),
+            swept.epsilon,
             time.monotonic() - start,
-            storage.counter.tolist(),
+            swept.counters,
             found,
             paths,
         )
-
-    def _path(self, node: int, best_arc: IntArray, arcs: Arcs) -> list[int]:
-        """Return the cameras of the best path from a label on."""
-        path = []
-        while best_arc[node] >= 0:
-            arc = best_arc[node]
-            if arcs.move[arc] >= 0:
-                path.append(int(self.moves.candidate[arcs.move[arc]]))
-            node = int(arcs.target[arc])
-        return path

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from placement.diagram.arrays import ARCS, CLASSES, FREE, FULL, MERGES, NODES
+from placement.diagram.arrays import ARCS, CLASSES, FREE, FULL, LOOKS, MERGES, NODES
 from placement.diagram.clusters import begin_clusters, continue_clusters
 from placement.diagram.extension import extend_alone, record
 from placement.diagram.merging import thin
@@ -47,7 +47,8 @@ def forward(begin, end, k, road, views, rules, hope, table, bin_epsilon, storage
         for m in range(k + 1):
             nodes.lo[t, m] = counter[NODES]
             nodes.hi[t, m] = counter[NODES]
-            n = 1 if rules.probing else 0
+            start = rules.probing and (m == 0 or rules.price == 0.0)
+            n = 1 if start else 0
             e = pool.head[t, m]
             while e >= 0:
                 n += 1
@@ -71,7 +72,7 @@ def forward(begin, end, k, road, views, rules, hope, table, bin_epsilon, storage
                     p_in[arrived, x] = pool.value[e, 3 + x]
                 e = pool.next[e]
                 arrived += 1
-            if rules.probing:
+            if start:
                 cost[arrived], rank[arrived] = 0.0, 0.0
                 for x in range(6):
                     p_in[arrived, x] = road.floor_p[t, x]
@@ -104,6 +105,7 @@ def forward(begin, end, k, road, views, rules, hope, table, bin_epsilon, storage
                 )
                 bin_epsilon[m] = used
                 counter[MERGES] += merges
+                counter[LOOKS] += n * kept
                 for b in range(kept):
                     nodes.cost[first + b] = kept_cost[b]
                     nodes.togo[first + b] = np.inf

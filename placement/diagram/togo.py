@@ -52,7 +52,7 @@ def least_togo(p, lo, hi, table_p, table_togo):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def hopes(road, span, table, cuts, out):  # type: ignore[no-untyped-def]
+def hopes(road, span, price, table, cuts, out):  # type: ignore[no-untyped-def]
     """Fill `out` (t + 1, k + 2): least cost from a cluster that ends before t, or goes on.
 
     The cost to go from the floor, by the table, or what an earlier sweep's labels there need,
@@ -70,8 +70,10 @@ def hopes(road, span, table, cuts, out):  # type: ignore[no-untyped-def]
             best = cuts[t, m]
             if best < np.inf:
                 best = max(best, least_togo(q, table.lo[t, m], table.hi[t, m], table.p, table.togo))
-            for u in range(min(span, t_end - t + 1)):
-                best = min(best, floor_cost[t + u] - floor_cost[t] + out[t + u, m + 1])
+            more = 0 if price > 0.0 else m + 1
+            for u in range(0 if price == 0.0 else 1, min(span, t_end - t + 1)):
+                ahead = floor_cost[t + u] - floor_cost[t] + price + out[t + u, more]
+                best = min(best, ahead)
             out[t, m] = best
 
 

@@ -94,7 +94,7 @@ def test_cameras_that_see_both_ends_of_a_lap_are_bounded_without_their_tails(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # as on long laps: no room for moves from the first sample to the last
-    monkeypatch.setattr("placement.diagram.passes.MOST_PENDING", 130)
+    monkeypatch.setattr("placement.diagram.layout.MOST_PENDING", 130)
     split = 0
     for seed in range(100):
         objective, budget = tiny(seed, wrap=True)
