@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 
 from models.geometry import BoolArray, IntArray
-from placement.diagram.passes import Diagram, Outcome, OutOfTime
+from placement.diagram.passes import Diagram, Outcome
+from placement.diagram.single import OutOfTime
 from placement.objectives.trace import Trace, WhiteTrace
 from placement.problem import Problem, Run
 from placement.solution import OPTIMAL_GAP, Proposal, Status

@@ -18,7 +18,8 @@ import numpy as np
 from placement.bounds.concave import best_fraction
 from placement.bounds.matroid import root_choice
 from placement.bounds.tangent import tangent_bound
-from placement.diagram.passes import Diagram, Outcome, OutOfTime
+from placement.diagram.passes import Diagram, Outcome
+from placement.diagram.single import OutOfTime
 from placement.objectives.base import Relaxable
 from placement.objectives.trace import Trace
 from placement.problem import Problem, Run
