@@ -52,20 +52,31 @@ def read_centreline(
     if closed is None:
         closed = _looks_closed(points, steps)
     left, right = (half_width_m,) * 2 if values.shape[1] == 2 else (values[:, 3], values[:, 2])
-    road = road_from_points(points, closed=closed, left_m=left, right_m=right)
-    table = road.table(max(0.05, road.length_m / 1e6))
+    with np.errstate(all="ignore"):  # of a fold, refused below
+        road = road_from_points(points, closed=closed, left_m=left, right_m=right)
+        table = road.table(max(0.05, road.length_m / 1e6))
     turn = np.maximum(
         np.abs(np.diff(table.heading_rad)) / 1.5,  # a cusp turns by π from one point to the next
         np.abs(table.curvature[1:]) * LEAST_RADIUS_M,
     )
-    if turn.max() > 1.0:
+    if not turn.max() <= 1.0:  # on the way back along itself the curvature is no number
         sharp = int(np.argmax(turn))
+        x, y = float(table.x_m[sharp]), float(table.y_m[sharp])
+        if not math.isfinite(x + y):
+            x, y = _sharpest_corner(points)
         raise ValueError(
             f"{path}: the curve through the points must turn on a radius of at least "
-            f"{LEAST_RADIUS_M:g} m, got a fold near "
-            f"({table.x_m[sharp]:.6g}, {table.y_m[sharp]:.6g})"
+            f"{LEAST_RADIUS_M:g} m, got a fold near ({x:.6g}, {y:.6g})"
         )
     return road
+
+
+def _sharpest_corner(points: FloatArray) -> tuple[float, float]:
+    """Return the point (x, y) at which the polyline through `points` (n, 2) turns most."""
+    step = np.diff(np.vstack([points[-1:], points, points[:1]]), axis=0)
+    step /= np.maximum(np.hypot(*step.T), MIN_STEP_M)[:, None]
+    x, y = points[int(np.argmin(np.sum(step[1:] * step[:-1], axis=1)))]
+    return float(x), float(y)
 
 
 def _looks_closed(points: FloatArray, steps: FloatArray) -> bool:

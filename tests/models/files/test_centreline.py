@@ -130,3 +130,6 @@ def test_a_road_that_folds_back_on_itself_is_refused_with_the_place(tmp_path: Pa
     path.write_text("0,0\n10,0\n20,0\n30,0\n", encoding="utf-8")
     with pytest.raises(ValueError, match=r"radius of at least 0\.1 m, got a fold near \("):
         read_centreline(path, closed=True)
+    path.write_text("0,0\n10,0\n0,0\n10,0\n0,0\n", encoding="utf-8")  # no number is left of it
+    with pytest.raises(ValueError, match=r"got a fold near \(10, 0\)|got a fold near \(0, 0\)"):
+        read_centreline(path)
