@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 import json
 import re
@@ -32,6 +33,7 @@ from placement.instance.schema import (
 )
 
 ENTRY_POINT_GROUP = "placement.instances"
+MOST_BYTES = 100_000_000  # of an instance file
 BUILDINGS = "road.buildings"  # of `Instance.files`: polygons beside a SUMO network
 FILE_KEYS = (
     ("road", "file"),
@@ -145,14 +147,16 @@ def load_instance(path_or_name: str | Path) -> Instance:
     if not path.is_file() and re.fullmatch(r"[\w-]+", text):
         shipped = shipped_instances()
         if text not in shipped:
-            names = ", ".join(sorted(shipped)) or "none"
-            raise InstanceError([f"no instance is named {text} (shipped: {names})"])
+            raise InstanceError([f"no instance is named {text} ({_instead(text, shipped)})"])
         with resources.as_file(shipped[text]) as file:
             return _read(file.read_bytes(), text, file.parent, text)
     try:
-        content = path.read_bytes()
+        with path.open("rb") as file:  # of bounded size: it may be a device
+            content = file.read(MOST_BYTES + 1)
     except OSError as error:
         raise InstanceError([f"{path}: cannot be read ({error.strerror or error})"]) from None
+    if len(content) > MOST_BYTES:
+        raise InstanceError([f"{path}: must be at most {MOST_BYTES // 1_000_000} MB"])
     return _read(content, str(path), path.resolve().parent, path.stem)
 
 
@@ -196,15 +200,28 @@ def shipped_instances() -> dict[str, Traversable]:
 
 def _read(content: bytes, source: str, folder: Path, name: str) -> Instance:
     try:
-        data = tomllib.loads(content.decode("utf-8"))
+        data = tomllib.loads(content.decode("utf-8-sig"))  # editors of Windows begin with a mark
     except UnicodeDecodeError as error:
         raise InstanceError([f"must be UTF-8 text, got byte {error.start}"], source) from None
     except tomllib.TOMLDecodeError as error:
         raise InstanceError([f"not TOML: {_one_line(error)}"], source) from None
+    except RecursionError:
+        raise InstanceError(["not TOML: nested too deeply"], source) from None
+    except ValueError:  # Python reads no number of more digits, and says how to make it
+        raise InstanceError(["numbers must have at most 4,300 digits"], source) from None
     try:
         return instance_from_dict(data, folder=folder, name=name)
     except InstanceError as error:
         raise InstanceError(error.problems, source) from None
+    except RecursionError:
+        raise InstanceError(["tables must not be nested so deeply"], source) from None
+
+
+def _instead(text: str, shipped: Mapping[str, Any]) -> str:
+    near = difflib.get_close_matches(text, shipped, n=1)
+    if near:
+        return f"did you mean {near[0]}?"
+    return f"shipped: {', '.join(sorted(shipped)) or 'none'}; a file's name ends in .toml"
 
 
 def _one_line(error: Exception) -> str:

@@ -51,9 +51,39 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         load_instance(path)
 
 
-def test_an_unknown_name_lists_those_that_are_shipped() -> None:
-    with pytest.raises(InstanceError, match=r"no instance is named whining \(shipped: "):
-        load_instance("whining")
+def test_an_unknown_name_lists_those_that_are_shipped_or_the_one_that_is_near() -> None:
+    with pytest.raises(InstanceError, match=r"no instance is named qqq \(shipped: .*winding"):
+        load_instance("qqq")
+    with pytest.raises(InstanceError, match=r"named windig \(did you mean winding\?\)$"):
+        load_instance("windig")
+
+
+def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path: Path) -> None:
+    instance = load_instance(write(tmp_path, "\ufeff" + TEXT))
+    assert len(instance.road.pieces or ()) == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("x = " + "[" * 100_000, "not TOML: nested too deeply"),
+        ("[a" + ".a" * 5_000 + "]\n", "nested"),
+        ("[budget]\ncameras = " + "9" * 5_000, "numbers must have at most 4,300 digits"),
+    ],
+)
+def test_a_file_made_to_break_the_parser_is_one_line_that_names_it(
+    tmp_path: Path, text: str, line: str
+) -> None:
+    with pytest.raises(InstanceError) as error:
+        load_instance(write(tmp_path, text))
+    (problem,) = error.value.problems
+    assert problem.startswith(f"{tmp_path / 'road.toml'}: ")
+    assert line in problem
+
+
+def test_a_file_without_end_is_refused() -> None:
+    with pytest.raises(InstanceError, match=r"^/dev/zero: must be at most 100 MB$"):
+        load_instance("/dev/zero")
 
 
 def test_relative_files_lie_beside_the_instance(tmp_path: Path) -> None:
