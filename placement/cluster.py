@@ -31,6 +31,7 @@ Result = TypeVar("Result")
 
 ATTEMPTS = 3
 _PATIENCE_S = 10.0  # for a scheduler to answer
+_SCHEMES = ("tcp", "tls", "ucx", "ws", "wss", "inproc")  # of the addresses that Dask knows
 
 
 class Work(Protocol):
@@ -180,6 +181,9 @@ class DaskCluster:
         Raises:
             ValueError: if Dask is not installed, or nobody answers at the address.
         """
+        if "://" in address and address.partition("://")[0] not in _SCHEMES:
+            # Dask would say so in pages, twenty seconds later
+            raise ValueError(f"--cluster must begin with tcp:// or tls://, got {address}")
         try:
             distributed = _distributed()
         except ImportError:
