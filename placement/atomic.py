@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+from placement.interrupts import held_back
 
 Content = str | bytes | Callable[[Path], object]
 
@@ -25,6 +29,24 @@ def prepare_folder(folder: Path) -> None:
         raise ValueError(
             f"--out must be a folder that can be written, got {folder} ({reason})"
         ) from None
+
+
+@contextmanager
+def prepared_folder(folder: Path) -> Iterator[None]:
+    """Prepare `folder` for the block; one that fails leaves no empty folder that was not there.
+
+    Raises:
+        ValueError: as `prepare_folder` does.
+    """
+    missing = [each for each in (folder, *folder.parents) if not os.path.lexists(each)]
+    try:
+        prepare_folder(folder)
+        yield
+    except BaseException:
+        for each in missing:
+            with suppress(OSError):  # it holds something, or was never made
+                each.rmdir()
+        raise
 
 
 def write_files(
@@ -47,9 +69,10 @@ def write_files(
                 path.write_bytes(content)
             else:
                 path.write_text(content, encoding="utf-8")
-        for name in remove:
-            (folder / name).unlink(missing_ok=True)
-        for name in contents:
-            (stage / name).replace(folder / name)
+        with held_back():
+            for name in remove:
+                (folder / name).unlink(missing_ok=True)
+            for name in contents:
+                (stage / name).replace(folder / name)
     finally:
         shutil.rmtree(stage, ignore_errors=True)

@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from placement.atomic import Content, prepare_folder, write_files
+from placement.atomic import Content, prepared_folder, write_files
 from placement.experiments import read_table
 from placement.information_problem import InformationProblem, read_problem
+from placement.interrupts import stop_on_request
 from placement.output import record_of, solution_lines, to_csv, to_json
 from placement.problem import Problem
 from placement.solution import Solution, Status
@@ -64,20 +65,24 @@ def solve_bare_into(
     Raises:
         ValueError: for bad input; nothing is written then.
     """
-    from placement.solve import solve
+    from placement.solve import check_call, solve
 
     bare, problem = load_bare(source, budget=budget, objective=objective)
-    prepare_folder(out)
-    with watch(quiet) as report:
+    check_call(method, time_limit_s, seed)
+    with prepared_folder(out), watch(quiet) as report:
         report(f"solving {bare.name}", None)
-        solution = solve(problem, method, time_limit_s=time_limit_s, seed=seed, progress=report)
-        files: dict[str, Content] = {
-            PROBLEM_FILE: bare.write,
-            "solution.json": to_json(record_of(bare.name, problem, solution, [], bare.sha256())),
-        }
-        if solution.status.has_placement:
-            files["placements.csv"] = to_csv(candidates_table(bare, solution))
-        write_files(out, files, remove=[name for name in stale if name not in files])
+        with stop_on_request():  # what was found is written, whenever Ctrl-C comes
+            solution = solve(problem, method, time_limit_s=time_limit_s, seed=seed, progress=report)
+            files: dict[str, Content] = {
+                PROBLEM_FILE: bare.write,
+                "solution.json": to_json(
+                    record_of(bare.name, problem, solution, [], bare.sha256())
+                ),
+            }
+            if solution.status.has_placement:
+                files["placements.csv"] = to_csv(candidates_table(bare, solution))
+            older = stale if (out / "solution.json").exists() else ()
+            write_files(out, files, remove=[name for name in older if name not in files])
     if not quiet:
         chosen = f"{len(solution.selected)} of {problem.constraints.n} candidates"
         for line in solution_lines(solution, chosen, out, digits=9):

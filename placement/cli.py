@@ -8,15 +8,19 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import entry_points
+from itertools import pairwise
 from pathlib import Path
+from types import ModuleType
 from typing import Annotated
 
 import typer
 
-from placement.interrupts import interrupts_by_name
+from placement.interrupts import held_back, interrupts_by_name
 
 EXIT_BAD_INPUT = 2
 EXIT_UNSOLVED = 3
+_PARSER_INTERRUPTED = 130  # what the parser returns after Ctrl-C
+NOTHING = "nothing was written"
 
 app = typer.Typer(
     name="placement",
@@ -39,31 +43,56 @@ Plant = Annotated[str, typer.Option(help="The simulated car: kinematic or single
 
 
 @contextmanager
-def interruptible(out: Path | None = None) -> Iterator[None]:
+def interruptible(
+    out: Path | None = None, result: str = "solution.json", nothing: str = NOTHING
+) -> Iterator[None]:
     """Turn Ctrl-C outside a solver into one line and an exit code; inside, solvers see to it.
 
-    In the folder `out` something may be kept from which the same command goes on.
+    The line says what is left: the file `result` in the folder `out` if the block wrote it, else
+    what the same command goes on from, else `nothing`.
     """
+    file = None if out is None else out / result
+    before = _written_at(file)
     try:
         with interrupts_by_name():
             yield
     except KeyboardInterrupt:
         from placement.commands import INFORMATION
 
-        kept = out is not None and (out / INFORMATION).is_dir()
-        left = "the same command goes on from here" if kept else "nothing was written"
+        left = nothing
+        if _written_at(file) != before:
+            left = f"{file} is written whole, the figures beside it are not"
+        elif out is not None and (out / INFORMATION).is_dir():
+            left = "the same command goes on from here"
         typer.echo(f"placement: interrupted; {left}", err=True)
         raise typer.Exit(EXIT_UNSOLVED) from None
+
+
+def _written_at(file: Path | None) -> tuple[int, int] | None:
+    try:
+        found = None if file is None else file.stat()
+    except OSError:
+        found = None
+    return None if found is None else (found.st_mtime_ns, found.st_ino)
 
 
 def main() -> None:
     """Run the command line; bad input is one line a problem on stderr and exit code 2."""
     warnings.showwarning = lambda message, *_where, **_more: _complain(f"warning: {message}")
-    for entry in entry_points(group="placement.commands"):
-        entry.load()(app)
+    for word, value in pairwise(sys.argv[1:]):
+        if word.startswith("--") and not value:  # a variable of the shell that is not set
+            _complain(f"{word} must not be empty")
+            sys.exit(EXIT_BAD_INPUT)
     try:
         with interrupts_by_name():
-            sys.exit(app(standalone_mode=False) or 0)
+            with held_back():
+                for entry in entry_points(group="placement.commands"):
+                    entry.load()(app)
+            code = app(standalone_mode=False) or 0
+        if code == _PARSER_INTERRUPTED:
+            _complain(f"interrupted; {NOTHING}")
+            code = EXIT_UNSOLVED
+        sys.exit(code)
     except typer.Abort:
         sys.exit(EXIT_UNSOLVED)
     except (ValueError, OSError, ArithmeticError, RecursionError) as error:
@@ -73,7 +102,7 @@ def main() -> None:
             _complain(problem)
         sys.exit(EXIT_BAD_INPUT)
     except KeyboardInterrupt:
-        _complain("interrupted; nothing was written")
+        _complain(f"interrupted; {NOTHING}")
         sys.exit(EXIT_UNSOLVED)
     except Exception as error:  # the parser's own errors have no base class that stays in one place
         if not hasattr(error, "format_message"):
@@ -83,6 +112,13 @@ def main() -> None:
         else:
             _complain(" ".join(error.format_message().split()))
         sys.exit(EXIT_BAD_INPUT)
+
+
+def _commands() -> ModuleType:
+    """Import what commands do: here, so that `--help` does not wait for it."""
+    with held_back():
+        from placement import commands
+    return commands
 
 
 def _complain(problem: str) -> None:
@@ -109,9 +145,8 @@ def solve(
     quiet: Quiet = False,
 ) -> None:
     """Choose cameras for INSTANCE and prove how good the choice is."""
-    from placement import commands
-
     with interruptible(out):
+        commands = _commands()
         status = commands.solve_into(
             out,
             instance,
@@ -142,9 +177,8 @@ def validate(
     quiet: Quiet = False,
 ) -> None:
     """Drive the placement in FOLDER in a closed loop, many times, and record what happens."""
-    from placement import commands
-
-    with interruptible():
+    with interruptible(folder, "validation_summary.json"):
+        commands = _commands()
         commands.validate_in(
             folder,
             runs=runs,
@@ -165,9 +199,9 @@ def verify(
     quiet: Quiet = False,
 ) -> None:
     """Check what FOLDER claims by slower, plainer means: value, rules, bound, every file."""
-    from placement import commands
-
-    if not commands.verify_in(folder, quiet=quiet):
+    with interruptible():
+        holds = _commands().verify_in(folder, quiet=quiet)
+    if not holds:
         raise typer.Exit(EXIT_UNSOLVED)
 
 
@@ -179,12 +213,13 @@ def demo(
     quiet: Quiet = False,
 ) -> None:
     """Solve and validate the embedded circuit, end to end."""
-    from placement import commands
-
-    status = commands.solve_into(out, "circuit", time_limit_s=60.0, seed=seed, quiet=quiet)
+    with interruptible(out):
+        commands = _commands()
+        status = commands.solve_into(out, "circuit", time_limit_s=60.0, seed=seed, quiet=quiet)
     if not status.has_placement:
         raise typer.Exit(EXIT_UNSOLVED)
-    commands.validate_in(out, runs=runs, seed=seed, plant="kinematic", quiet=quiet)
+    with interruptible(out, "validation_summary.json", "the placement is there, no drive is"):
+        commands.validate_in(out, runs=runs, seed=seed, plant="kinematic", quiet=quiet)
 
 
 @app.command()

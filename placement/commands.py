@@ -6,14 +6,15 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from placement.atomic import Content, prepare_folder, write_files
+from placement.atomic import Content, prepare_folder, prepared_folder, write_files
 from placement.cluster import working
 from placement.instance import load_instance
+from placement.interrupts import held_back, stop_on_request
 from placement.solution import Solution, Status
 
 if TYPE_CHECKING:
@@ -118,13 +119,14 @@ def solve_into(
     instance = load_instance(source)
     if changes:
         instance = instance.changed(changes)
-    prepare_folder(out)
-    with working(workers, cluster) as work, watch(quiet) as report:
-        report(f"computing the information of {instance.name}", None)
+    with held_back():
         from placement.assemble import assemble
         from placement.prediction import predict
-        from placement.solve import solve
+        from placement.solve import check_call, solve
 
+    check_call(method, time_limit_s, seed)
+    with prepared_folder(out), working(workers, cluster) as work, watch(quiet) as report:
+        report(f"computing the information of {instance.name}", None)
         curve: dict[str, Content] = {}
         interrupted: Solution | None = None
         if instance.road.constructed is not None and instance.road.constructed.pieces is None:
@@ -136,36 +138,39 @@ def solve_into(
             instance, curve = choice.instance, _front_files(choice)
             interrupted = choice.so_far()
         scene = assemble(instance, work, keep=out / INFORMATION, progress=report)
-        if interrupted is not None:
-            solution = interrupted
-        elif budgets is None:
-            solution = solve(
-                scene.problem,
-                method,
-                time_limit_s=time_limit_s,
-                seed=seed,
-                progress=report,
-                work=work,
-            )
-        else:
-            from placement.budget_curve import budget_curve
+        with stop_on_request():  # what was found is written, whenever Ctrl-C comes
+            if interrupted is not None:
+                solution = interrupted
+            elif budgets is None:
+                solution = solve(
+                    scene.problem,
+                    method,
+                    time_limit_s=time_limit_s,
+                    seed=seed,
+                    progress=report,
+                    work=work,
+                )
+            else:
+                from placement.budget_curve import budget_curve
 
-            found = budget_curve(
-                scene.problem,
-                *budgets,
-                method,
-                time_limit_s=time_limit_s,
-                seed=seed,
-                progress=report,
-            )
-            solution, curve = found.solutions[-1], {**curve, **_curve_files(found)}
-        report("writing", None)
-        prediction = None
-        if solution.status.has_placement:
-            prediction = predict(scene, solution.selected)
-        _write(out, scene, solution, prediction, None, curve)
+                found = budget_curve(
+                    scene.problem,
+                    *budgets,
+                    method,
+                    time_limit_s=time_limit_s,
+                    seed=seed,
+                    progress=report,
+                )
+                solution, curve = found.solutions[-1], {**curve, **_curve_files(found)}
+            report("writing", None)
+            prediction = None
+            if solution.status.has_placement:
+                prediction = predict(scene, solution.selected)
+            _write_solution(out, scene, solution, prediction, curve)
         if solution.status is not Status.TIME_LIMIT:  # the same command may go on from there
             shutil.rmtree(out / INFORMATION, ignore_errors=True)
+        if prediction is not None:
+            _write_figures(out, Result(scene, solution, prediction))
     if not quiet:
         from placement.output import solution_lines
 
@@ -194,7 +199,7 @@ def validate_in(
     Raises:
         ValueError: for bad input; nothing is written then.
     """
-    from placement.output import read_folder
+    from placement.output import read_folder, validation_files
     from placement.watch import watch
 
     stored = read_folder(folder)
@@ -226,7 +231,8 @@ def validate_in(
         seconds = time.monotonic() - started
         report("writing", None)
         prediction = predict(scene, solution.selected)
-        _write(folder, scene, solution, prediction, validation)
+        write_files(folder, validation_files(validation))
+        _write_figures(folder, Result(scene, solution, prediction, validation))
     if not quiet:
         _say(_validation_lines(validation, runs, seconds, folder))
 
@@ -249,33 +255,36 @@ def verify_in(folder: Path, *, quiet: bool = False) -> bool:
     return verification.passed
 
 
-def _write(
+def _write_solution(
     folder: Path,
     scene: Scene,
     solution: Solution,
     prediction: Prediction | None,
-    validation: Validation | None,
-    more: Mapping[str, Content] | None = None,
+    more: Mapping[str, Content],
 ) -> None:
-    """Write our own files in one go, then those that other rooms add.
+    """Write the files of a new solution in one go, and remove what an older one left.
 
     The figures take seconds: a placement that took an hour is safe before the first is drawn.
     """
-    from placement.output import placements_by_budget, solution_files, validation_files
+    from placement.output import solution_files
 
-    files: dict[str, Content] = dict(more or {})
-    # A new solution makes an older one's simulation, verification and figures stale.
-    stale: list[str] = []
-    if validation is None:
-        files |= solution_files(scene, solution, prediction)
-        stale = [name for name in LEFT_BEHIND if name not in files]
-    else:
-        files |= validation_files(validation)
-    write_files(folder, files, remove=stale)
-    if prediction is None:  # there is nothing to draw
-        return
-    curve = placements_by_budget(folder, scene.problem.constraints.n)
-    result = Result(scene, solution, prediction, validation, curve)
+    files = {**more, **solution_files(scene, solution, prediction)}
+    write_files(folder, files, remove=left_behind(folder, files))
+
+
+def left_behind(folder: Path, files: Mapping[str, Content]) -> list[str]:
+    """List what an older solution left in `folder` beside the new `files`: nothing of strangers."""
+    if not (folder / "solution.json").exists():
+        return []
+    return [name for name in LEFT_BEHIND if name not in files]
+
+
+def _write_figures(folder: Path, result: Result) -> None:
+    """Write what other rooms draw of a result."""
+    from placement.output import placements_by_budget
+
+    curve = placements_by_budget(folder, result.scene.problem.constraints.n)
+    result = replace(result, by_budget=curve)
     figures: dict[str, Content] = {}
     for entry in sorted(entry_points(group="placement.figures"), key=lambda e: e.name):
         draw: Callable[[Result], dict[str, Content]] = entry.load()

@@ -44,6 +44,27 @@ def stop_on_request() -> Iterator[None]:
 
 
 @contextmanager
+def held_back() -> Iterator[None]:
+    """Let Ctrl-C wait until the block is over, and reach whoever handles it then.
+
+    For what must not stop in the middle: files moved into place, and imports, which swallow it or
+    break on it. Only in the main thread, where signals arrive.
+    """
+    handler = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(handler):
+        yield
+        return
+    asked = threading.Event()
+    signal.signal(signal.SIGINT, lambda _number, _frame: asked.set())
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+        if asked.is_set():
+            signal.raise_signal(signal.SIGINT)
+
+
+@contextmanager
 def interrupts_by_name() -> Iterator[None]:
     """Raise KeyboardInterrupt, where Ctrl-C hit compiled code, as what it is.
 

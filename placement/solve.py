@@ -177,12 +177,9 @@ def solve(
         ValueError: for an unknown method, one that cannot keep the problem's constraints, a
             negative or NaN time limit, a negative seed.
     """
-    solver_of = _method(method)
+    check_call(method, time_limit_s, seed)
+    solver_of = METHODS[method]
     _refuse_unkept(method, problem)
-    if math.isnan(time_limit_s) or time_limit_s < 0.0:
-        raise ValueError(f"time_limit_s must be at least 0, got {time_limit_s}")
-    if seed < 0:
-        raise ValueError(f"seed must be at least 0, got {seed}")
     start = time.monotonic()
     run = Run(np.random.default_rng(seed), deadline=start + time_limit_s)
     if progress is not None:
@@ -215,11 +212,14 @@ def certified(
     )
 
 
-def _method(name: str) -> Method:
-    try:
-        return METHODS[name]
-    except KeyError:
-        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {name!r}") from None
+def check_call(method: str, time_limit_s: float, seed: int) -> None:
+    """Refuse what no problem is needed to refuse, as `solve` does: before an hour of assembling."""
+    if method not in METHODS:
+        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    if math.isnan(time_limit_s) or time_limit_s < 0.0:
+        raise ValueError(f"time_limit_s must be at least 0, got {time_limit_s}")
+    if seed < 0:
+        raise ValueError(f"seed must be at least 0, got {seed}")
 
 
 def _refuse_unkept(name: str, problem: Problem) -> None:

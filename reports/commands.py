@@ -98,12 +98,15 @@ def report(
     `all` gives each study a folder. After Ctrl-C the same command goes on where it was stopped;
     studies that an earlier run finished are left as they are.
     """
-    from placement.atomic import prepare_folder
-    from placement.cli import EXIT_UNSOLVED
-    from placement.cluster import cores
-    from placement.watch import watch
-    from reports.all_studies import Given, run_all
-    from reports.parts import work_for
+    from placement.interrupts import held_back
+
+    with held_back():
+        from placement.atomic import prepared_folder
+        from placement.cli import EXIT_UNSOLVED
+        from placement.cluster import cores
+        from placement.watch import watch
+        from reports.all_studies import Given, run_all
+        from reports.parts import work_for
 
     if study not in STUDIES and study != "all":
         raise ValueError(f"study must be one of {', '.join([*STUDIES, 'all'])}, got {study!r}")
@@ -111,10 +114,9 @@ def report(
     roads = tuple(road or ())
     if roads and not any(each.takes_roads for each in chosen.values()):
         raise ValueError(f"--road is for {', '.join(_with_roads())}, got the study {study}")
-    prepare_folder(out)
     work = work_for(workers or cores())
     try:
-        with watch(quiet) as progress:
+        with prepared_folder(out), watch(quiet) as progress:
             given = Given(quick=quick, seed=seed, roads=roads, work=work)
             if study == "all":
                 run_all(STUDIES, out, given, progress)
@@ -143,7 +145,7 @@ def run_study(
     import json
     import shutil
 
-    from placement.atomic import prepare_folder, write_files
+    from placement.atomic import write_files
     from reports.all_studies import FINISHED
     from reports.page.study_page import study_page
     from reports.parts import Parts, folder_for
@@ -151,7 +153,6 @@ def run_study(
     study = STUDIES[name]
     roads = given.roads if study.takes_roads else ()
     mark = given.mark(name, roads)
-    prepare_folder(out)
     (out / FINISHED).unlink(missing_ok=True)
     parts = Parts(given.work, folder_for(out / "parts", mark))
     more: dict[str, Any] = {"roads": roads} if study.takes_roads else {}

@@ -47,11 +47,16 @@ def benchmark(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No progress.")] = False,
 ) -> None:
     """Run solvers side by side; killed at any moment, the same command goes on where it was."""
-    from benchmarks.runner.suites import make_suite
-    from placement.atomic import prepare_folder
-    from placement.cluster import working
-    from placement.watch import watch
+    from placement.interrupts import held_back
 
+    with held_back():
+        from benchmarks.runner.suites import make_suite
+        from placement.atomic import prepared_folder
+        from placement.cluster import working
+        from placement.watch import watch
+
+    if data is not None and not data.is_dir():
+        raise ValueError(f"--data must be a folder of road files, got {data}")
     chosen = make_suite(suite, str(data.resolve()) if data is not None else None).changed(
         time_limit_s=time_limit,
         seeds=range(seed, seed + seeds) if seeds is not None else [seed],
@@ -59,13 +64,16 @@ def benchmark(
         solvers=solver,
         instances=instance,
     )
-    prepare_folder(out)
-    with working(workers, cluster) as work, watch(quiet) as report:
-        try:
+    try:
+        with (
+            prepared_folder(out),
+            working(workers, cluster) as work,
+            watch(quiet) as report,
+        ):
             rows = run_and_write(chosen, out, report, work)
-        except KeyboardInterrupt:
-            typer.echo("placement: interrupted; the same command goes on from here", err=True)
-            raise typer.Exit(3) from None
+    except KeyboardInterrupt:
+        typer.echo("placement: interrupted; the same command goes on from here", err=True)
+        raise typer.Exit(3) from None
     if not quiet:
         solved = sum(row.get("value") is not None for row in rows)
         denied = sum(row.get("value") is not None and not row["verified"] for row in rows)

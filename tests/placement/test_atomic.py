@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from placement.atomic import prepare_folder, write_files
+from placement.atomic import prepare_folder, prepared_folder, write_files
 
 
 def test_files_arrive_with_their_content(tmp_path: Path) -> None:
@@ -40,3 +40,33 @@ def test_a_folder_below_a_file_is_refused_in_one_line(tmp_path: Path) -> None:
         ValueError, match=r"^--out must be a folder that can be written, got .*file"
     ):
         prepare_folder(tmp_path / "file" / "out")
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, ValueError])
+def test_a_block_that_fails_takes_back_the_empty_folders_made_for_it(
+    tmp_path: Path, stop: type[BaseException]
+) -> None:
+    (tmp_path / "old").mkdir()
+    for out in (tmp_path / "new" / "deep", tmp_path / "old"):
+        with pytest.raises(stop), prepared_folder(out):
+            assert out.is_dir()
+            raise stop
+    assert [p.name for p in tmp_path.iterdir()] == ["old"]
+    with pytest.raises(stop), prepared_folder(tmp_path / "new" / "deep"):
+        (tmp_path / "new" / "kept").write_text("")
+        raise stop
+    assert [p.name for p in (tmp_path / "new").iterdir()] == ["kept"]
+    with prepared_folder(tmp_path / "done"):
+        pass
+    assert (tmp_path / "done").is_dir()
+
+
+def test_a_folder_that_cannot_be_made_leaves_none_of_its_parents(
+    tmp_path: Path,
+) -> None:
+    with (
+        pytest.raises(ValueError, match=r"^--out must"),
+        prepared_folder(tmp_path / "a" / ("b" * 300)),
+    ):
+        raise AssertionError
+    assert not list(tmp_path.iterdir())

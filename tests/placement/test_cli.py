@@ -156,7 +156,7 @@ def test_a_bad_instance_is_one_line_and_exit_2(
     assert len(outcome.err.strip().splitlines()) == 1
     assert named in outcome.err
     assert "Traceback" not in outcome.err
-    assert not (tmp_path / "out").exists() or not list((tmp_path / "out").iterdir())
+    assert not (tmp_path / "out").exists()
 
 
 BAD_ROADS = {
@@ -179,6 +179,7 @@ def test_a_bad_centre_line_is_one_line_and_exit_2(
     assert len(outcome.err.strip().splitlines()) == 1
     assert "road.csv" in outcome.err
     assert named in outcome.err
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
@@ -193,6 +194,7 @@ def test_a_bad_centre_line_is_one_line_and_exit_2(
         (["solve", "SMALL", "--out", "OUT", "--objective", "beauty"], "objective.kind"),
         (["solve", "SMALL", "--out", "OUT", "--time-limit", "soon"], "--time-limit"),
         (["solve", "SMALL", "--out"], "--out"),
+        (["solve", "SMALL", "--out", ""], "--out"),
         (["sovle", "SMALL"], "sovle"),
         (["validate", "OUT"], "solution.json"),
     ],
@@ -206,6 +208,20 @@ def test_bad_words_are_one_line_and_exit_2(
     assert outcome.code == 2
     assert len(outcome.err.strip().splitlines()) == 1
     assert named in outcome.err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_files_of_strangers_are_left_where_they_are(
+    run: Callable[..., Outcome], small: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "budget_curve.csv").write_text("mine")
+    assert run("solve", small, "--out", out, "--method", "greedy").code == 0
+    assert (out / "budget_curve.csv").read_text() == "mine"
+    assert run("solve", small, "--out", out, "--method", "greedy").code == 0
+    assert not (out / "budget_curve.csv").exists()
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -20,7 +20,7 @@ from benchmarks.synthetic_drives import random_drive
 from placement.budget_curve import budget_curve
 from placement.constraints import count_only
 from placement.information_problem import InformationProblem
-from placement.interrupts import asked_to_stop, interrupts_by_name
+from placement.interrupts import asked_to_stop, held_back, interrupts_by_name, stop_on_request
 from placement.objectives.entropy import Entropy
 from placement.objectives.log_det import LogDet
 from placement.objectives.tolerance import Tolerance
@@ -211,3 +211,65 @@ def test_an_interrupt_that_hit_compiled_code_is_one() -> None:
         raise SystemError("a kernel returned a result with an exception set") from inner
     with pytest.raises(SystemError, match="another"), interrupts_by_name():
         raise SystemError("another")
+
+
+def test_ctrl_c_waits_until_what_must_not_stop_is_over() -> None:
+    done = []
+    with pytest.raises(KeyboardInterrupt), held_back():
+        interrupt()
+        time.sleep(0.01)
+        done.append("all of it")
+    assert done
+    with stop_on_request():
+        with held_back():
+            interrupt()
+            assert not asked_to_stop()
+        assert asked_to_stop()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_solution_found_before_ctrl_c_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C while the prediction is made: an hour's placement was lost."""
+    import placement.prediction
+    from placement.commands import solve_into
+
+    path = tmp_path / "small.toml"
+    path.write_text(
+        '[road]\npieces = [{length=60}]\n[objective]\nkind = "localisation"\n'
+        "[camera]\nyaw_deg = [0, 180]\npitch_deg = [35]\n[budget]\ncameras = 2\n"
+    )
+    predict = placement.prediction.predict
+
+    def predicted(*arguments: Any) -> Any:
+        interrupt()
+        return predict(*arguments)
+
+    monkeypatch.setattr("placement.prediction.predict", predicted)
+    monkeypatch.setattr("placement.commands.entry_points", lambda **_group: [])
+    solve_into(tmp_path / "out", str(path), method="greedy", quiet=True)
+    record = json.loads((tmp_path / "out" / "solution.json").read_text())
+    assert len(record["selected"]) == 2
+
+
+@pytest.mark.parametrize("module", ["typer", "reports.commands", "pydantic", "placement.assemble"])
+def test_ctrl_c_in_the_first_moments_is_one_line(tmp_path: Path, module: str) -> None:
+    """Ctrl-C while `module` is imported: it was a traceback, silence, or not heard at all."""
+    code = (
+        "import os, signal, sys\n"
+        "class Finder:\n"
+        "    def find_spec(self, name, *_):\n"
+        f"        if name == {module!r}:\n"
+        "            os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Finder())\n"
+        "from placement.__main__ import main\n"
+        f"sys.argv = ['placement', 'solve', 'winding', '--out', {str(tmp_path / 'out')!r}]\n"
+        "main()\n"
+    )
+    found = subprocess.run(  # noqa: S603 - our own program
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    assert found.returncode == 3
+    assert found.stderr.splitlines() == ["placement: interrupted; nothing was written"]
+    assert not (tmp_path / "out").exists()
