@@ -204,3 +204,12 @@ def test_every_registered_method_has_a_summary_of_one_line() -> None:
     for name, method in verb.METHODS.items():
         assert method.summary, name
         assert "\n" not in method.summary
+
+
+def test_the_verb_of_the_package_can_be_called_again_and_again(problem: Problem) -> None:
+    """Its module has the same name and takes its place in the package once it is imported."""
+    import placement
+
+    first = placement.solve(problem, "greedy")
+    assert placement.solve(problem, "greedy", seed=0).selected == first.selected
+    assert placement.solve.METHODS is METHODS  # type: ignore[attr-defined]
