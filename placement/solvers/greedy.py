@@ -13,6 +13,7 @@ import numpy as np
 
 from models.geometry import FloatArray, IntArray
 from placement.bounds.linear import best_sum, most_sum
+from placement.constraints import Constraints
 from placement.guarantees import greedy_guarantee
 from placement.objectives.base import State
 from placement.problem import Problem, Run
@@ -47,18 +48,24 @@ def climb(problem: Problem, run: Run) -> tuple[State, UpperGains, bool]:
     is limited the better of greedy by gain and greedy by gain a unit of money is returned.
     """
     first = _climb(problem, run, None)
-    cost = problem.constraints.cost
-    if cost is None or not problem.constraints.limits_money or not first[2]:
+    if not problem.constraints.limits_money or not first[2]:
         return first
     # A run of its own: its placements are not the best so far until they are.
     aside = Run(run.rng, run.deadline, run.progress, score_bound=run.score_bound)
-    free = 1e-12 * problem.constraints.purse or 1.0  # what costs nothing is taken first
-    second = _climb(problem, aside, 1.0 / np.maximum(cost, free))
+    second = _climb(problem, aside, per_money(problem.constraints))
     run.score_bound = aside.score_bound
     if second[0].score <= first[0].score:
         return first[0], first[1], second[2]
     run.incumbent = second[0].selected
     return second
+
+
+def per_money(constraints: Constraints) -> FloatArray:
+    """Return what to weigh gains by, (c,), to compare them by the money they cost."""
+    if constraints.cost is None:
+        return np.ones(constraints.n)
+    free = 1e-12 * constraints.purse or 1.0  # what costs nothing is taken first
+    return 1.0 / np.maximum(constraints.cost, free)
 
 
 def _climb(

@@ -39,6 +39,24 @@ def test_cameras_that_crowd_spread_until_none_overlaps() -> None:
     assert state.score == pytest.approx(f.value(np.array([0, 10, 20, 30])), rel=1e-12)
 
 
+def test_where_money_is_short_a_dear_camera_gives_way_to_cheap_ones() -> None:
+    """Two cameras at 3 see 6 m each; for the same money six at 1 see 4 m: no swap gets there."""
+    n, place = 30, np.repeat(np.arange(30.0), 2)
+    begin, length = np.arange(2 * n) // 2, np.tile([6, 4], n)
+    indices = np.concatenate([np.arange(b, b + m) for b, m in zip(begin, length, strict=True)])
+    indptr = np.concatenate([[0], np.cumsum(length)])
+    J = np.full((len(indices), 1), 1e4, np.float32)
+    f = Localisation(Information(n + 6, indptr, indices.astype(np.int32), J), 0.5)
+    priced = replace(count_only(2 * n, n), cost=np.tile([3.0, 1.0], n), money=6.0)
+    problem = Problem(f, priced, place, n + 6.0)
+    numbers = number_places(problem)
+    assert numbers is not None
+    state = f.state(np.array([0, 20]))
+    Kicks(problem, Run(np.random.default_rng(0)), state, numbers).work()
+    assert state.score == pytest.approx(f.value(np.arange(1, 60, 10)), rel=1e-12)
+    assert not priced.violations(state.selected)
+
+
 def test_it_is_never_worse_than_exchange_and_sometimes_better(
     new_information: Make, new_toy: Make
 ) -> None:
