@@ -1,10 +1,12 @@
-"""Bound `trace` for many budgets by one diagram: a root for each, with as many cameras left.
+"""Bound `trace` for many budgets at once, and place for each: what shares its work is below.
 
-Labels are kept by how many cameras are left, so whatever a sweep knows of one budget serves the
-others (`Diagram.sweep` given thresholds). Placements come from one run of greedy, each budget's
-polished by swaps from the better of greedy's and the one before with a camera more; then from the
-best paths. Where many cameras leave the diagram's bound behind, the concave relaxation is asked:
-its tangent at the fractional choice of one budget bounds all the others, too.
+placements   each from its neighbours' (`placement.solvers.curve_search`);
+relaxation   its tangent at the fractional choice of one budget bounds all: what large budgets
+             have, at once for the greatest, and in the end where the gaps are then widest;
+prices       diagrams that pay for cameras bound all budgets, too, each by its tangent to the
+             curve's hull (`placement.solvers.curve_prices`): what small budgets have;
+counts       one diagram with a root for each budget that is then still open, with as many
+             cameras left, where that is cheap: for budgets above the hull.
 """
 
 from __future__ import annotations
@@ -18,15 +20,17 @@ import numpy as np
 from placement.bounds.concave import best_fraction
 from placement.bounds.matroid import root_choice
 from placement.bounds.tangent import tangent_bound
-from placement.diagram.passes import Diagram, Outcome
+from placement.diagram.layout import lay_moves
+from placement.diagram.passes import Diagram
 from placement.diagram.single import OutOfTime
 from placement.objectives.base import Relaxable
 from placement.objectives.trace import Trace
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
+from placement.solvers.curve_prices import MOST_WORK, PricedCurve
+from placement.solvers.curve_search import CurveSearch
 from placement.solvers.diagram import (
     BOUND_FROM,
-    KNOWN_OFFSETS,
     LEAVE_TIME_S,
     PROBE,
     PROBE_EPSILON,
@@ -36,18 +40,20 @@ from placement.solvers.diagram import (
     shortened,
     white_parts,
 )
-from placement.solvers.exchange import polish
-from placement.solvers.greedy import best_addition, climb
-from placement.solvers.trace_proof import RELAXATION, TOLERANCE
+from placement.solvers.trace_proof import EVERYWHERE, RELAXATION, TOLERANCE
 
-EFFORTS = (Effort(60, 4, 2), Effort(120, 8, 4), Effort(250, 8, 4))
-GROWTH = 2.3  # times as long as the one before takes the next sweep
-MOST_LABELS = 25e6  # where there is no time limit
-RELAXATIONS = 8  # at most, each at the budget whose gap is then the greatest
+EFFORTS = (Effort(60, 4, 2), Effort(120, 8, 4))
+MOST_COUNTED = 3_000_000  # labels that a probe with counts may take
+SEARCH_SHARE = 0.3  # of a time limit
 RELAX_SHARE = 0.15  # of a time limit
 RELAX_S = 10.0  # where there is none
-SLIGHT = 0.01  # a gap that no relaxation is asked about
+FIRST_RELAXED = (1.0, 0.75, 0.55)  # of the greatest budget
+RELAXATIONS = 5  # more at most, each at the budget whose gap is then the greatest
+SLIGHT = 0.01  # a gap that neither relaxations nor counts are asked about
+CLOSED = 1e-7  # a gap that is none
 NEAR = 1.1  # a path's placement this near the best (as a share) is polished
+PRICED = BOUND_FROM + ", cameras priced"
+KNOWN = ", offsets known"
 
 
 def solve_trace_curve(problem: Problem, budgets: range, run: Run) -> list[Proposal]:
@@ -65,20 +71,24 @@ def solve_trace_curve(problem: Problem, budgets: range, run: Run) -> list[Propos
 
 @dataclass(slots=True)
 class CurveProof:
-    """The best placements of all budgets, with offsets known, and the diagrams of the drives."""
+    """The best placements of all budgets, with offsets known, and what bounds them."""
 
     problem: Problem
     budgets: range
     run: Run
     known: dict[int, Problem] = field(default_factory=dict)
-    best: dict[int, list[int]] = field(default_factory=dict)
-    value: dict[int, float] = field(default_factory=dict)
     relaxed: dict[int, float] = field(default_factory=dict)  # bounds by the concave relaxation
-    _diagrams: list[tuple[float, Diagram]] = field(default_factory=list)
-    _labels: float = 0.0
+    counted: dict[int, float] = field(default_factory=dict)  # by diagrams that count
+    floor: float = 0.0  # what every usable camera at once would leave
+    search: CurveSearch = field(init=False)
+    prices: PricedCurve = field(init=False)
 
-    def work(self) -> bool:
-        """Find placements, then sweep with rising effort; return whether no time was missing."""
+    def __post_init__(self) -> None:
+        """Take the offsets for known, and look at the drives.
+
+        Raises:
+            ValueError: if most views are too long for a diagram.
+        """
         objective = self.problem.objective
         assert isinstance(objective, Trace)  # noqa: S101 - its one caller has checked
         known = objective.offsets_known() if objective.persistent else objective
@@ -87,16 +97,36 @@ class CurveProof:
             self.known[k] = replace(self.problem, objective=known, constraints=rules)
         most = self.known[self.budgets[-1]]
         usable, required, budget = free_choice(most)
-        for weight, part in white_parts(most):
-            if weight > 0.0:
-                diagram = Diagram(part.drive, (part.w_tt, part.w_nn), usable, required, budget)
-                self._diagrams.append((weight, diagram))
-        with shortened(self.run, 0.4 * self.run.remaining()):
-            self._search(most)
+        parts = [(weight, part) for weight, part in white_parts(most) if weight > 0.0]
+        for _, part in parts:
+            lay_moves(part.drive, usable, required, budget)
+        self.floor = known.value(np.flatnonzero(self.problem.constraints.usable()))
+        self.search = CurveSearch(self.known, self.run)
+        self.prices = PricedCurve(
+            parts,
+            usable,
+            required,
+            self.problem.constraints.group,
+            known.value(required),
+            lambda: {k - required.size: v for k, v in self.search.value.items()},
+            self._offer,
+            lambda: self.run.remaining() <= LEAVE_TIME_S,
+            lambda text: self.run.progress(f"{text}, {self._widest()}", None),
+        )
+
+    def work(self) -> bool:
+        """Find placements, then bound them; return whether no time was missing."""
+        with shortened(self.run, SEARCH_SHARE * self.run.remaining()):
+            self.search.work()
         limited = math.isfinite(self.run.deadline)
         try:
             with shortened(self.run, (1.0 - RELAX_SHARE) * self.run.remaining()):
-                self._refine()
+                for share in FIRST_RELAXED:
+                    at = int(share * self.budgets[-1])
+                    if at in self.budgets and not self.run.out_of_time():
+                        self._relax_at(at)
+                self._price(math.inf if limited else MOST_WORK)
+                self._count()
             finished = True
         except OutOfTime:
             finished = False
@@ -108,24 +138,43 @@ class CurveProof:
         """Return what was found and proven, with offsets unknown again."""
         objective = self.problem.objective
         persistent = isinstance(objective, Trace) and objective.persistent
-        source = KNOWN_OFFSETS if persistent else BOUND_FROM
         made = []
         for k in self.budgets:
-            relaxed = self.relaxed.get(k, 0.0)
-            stats = {"bound_from": RELAXATION if relaxed > self.bound(k) else source}
-            bound = min(max(self.bound(k), relaxed), self.value[k])
-            made.append(Proposal(self.best[k], -bound, status, stats))
+            bounds = self._bounds(k)
+            source = max(bounds, key=bounds.__getitem__)
+            bound = min(bounds[source], self.search.value[k])
+            said = source + KNOWN if persistent and source in (PRICED, BOUND_FROM) else source
+            made.append(Proposal(self.search.best[k], -bound, status, {"bound_from": said}))
         return made
 
     def bound(self, k: int) -> float:
         """Return the proven lower bound on the value for `k` cameras, in m²."""
-        left = k - self._required()
-        return float(sum(w * d.bounds[left] / d.drive.n_samples for w, d in self._diagrams))
+        return max(self._bounds(k).values())
+
+    def _bounds(self, k: int) -> dict[str, float]:
+        return {
+            EVERYWHERE: self.floor,
+            RELAXATION: self.relaxed.get(k, 0.0),
+            PRICED: self.prices.bound(k - self._required()),
+            BOUND_FROM: self.counted.get(k, 0.0),
+        }
 
     def _gap(self, k: int) -> float:
         """Return the share of the value that is not proven."""
-        bound = max(self.bound(k), self.relaxed.get(k, 0.0))
-        return 1.0 - bound / max(self.value[k], 1e-300)
+        return 1.0 - self.bound(k) / max(self.search.value[k], 1e-300)
+
+    def _widest(self) -> str:
+        k = max(self.budgets, key=self._gap)
+        return f"widest gap {100.0 * self._gap(k):.2g} % at k = {k}"
+
+    def _required(self) -> int:
+        """Return how many cameras every placement holds."""
+        return int(np.unique(self.problem.constraints.required).size)
+
+    def _price(self, most_work: float) -> None:
+        """Bound by prices, where nothing else says as much."""
+        required = self._required()
+        self.prices.refine(lambda left: self.relaxed.get(left + required, self.floor), most_work)
 
     def _relax(self) -> None:
         """Bound all budgets by tangents of the relaxations of those whose gaps are greatest."""
@@ -136,113 +185,98 @@ class CurveProof:
                 return
             at = max(open_ones, key=self._gap)
             tried.add(at)
-            problem = self.known[at]
-            objective = cast("Relaxable", problem.objective)
-            x = best_fraction(
-                objective,
-                root_choice(problem.constraints),
-                Run(self.run.rng, self.run.deadline, self.run.progress),
-                start=np.array(self.best[at], dtype=np.int64),
-                tolerance=TOLERANCE,
-            ).x
-            for k in sorted(self.budgets, key=lambda k: abs(k - at)):
-                if self.run.out_of_time() and k != at:
-                    return
-                bound = -tangent_bound(objective, self.known[k].constraints, x)
-                self.relaxed[k] = max(self.relaxed.get(k, 0.0), bound)
+            self._relax_at(at)
             self.run.progress(f"relaxed at k = {at}", len(tried) / RELAXATIONS)
 
-    def _required(self) -> int:
-        """Return how many cameras every placement holds."""
-        return int(np.unique(self.problem.constraints.required).size)
-
-    def _search(self, most: Problem) -> None:
-        """Find a placement for every budget by swaps."""
-        aside = Run(self.run.rng, self.run.deadline, self.run.progress)
-        greedy, _, _ = climb(most, aside)
-        order = greedy.selected
-        for n, k in enumerate(self.budgets):
-            problem = self.known[k]
-            start = [order[:k]]
-            if n:
-                state = problem.objective.state(np.array(self.best[k - 1], dtype=np.int64))
-                added = None if self.run.out_of_time() else best_addition(problem, state)
-                start.append(self.best[k - 1] + ([] if added is None else [added]))
-            for selected in start:
-                self._offer(k, selected)
-            self._polish(k, self.best[k])
-            self.run.progress(f"k = {k}, value {self.value[k]:.6g}", n / len(self.budgets))
-
-    def _polish(self, k: int, selected: list[int]) -> None:
-        problem = self.known[k]
-        state = problem.objective.state(np.array(selected, dtype=np.int64))
-        polish(problem, Run(self.run.rng, self.run.deadline, self.run.progress), state)
-        self._offer(k, state.selected)
-
-    def _offer(self, k: int, selected: list[int]) -> None:
-        """Keep `selected` if it is better than the best of `k` cameras."""
-        if not self.known[k].constraints.violations(selected):
-            value = self.known[k].objective.value(np.array(sorted(selected), dtype=np.int64))
-            if value < self.value.get(k, math.inf):
-                self.best[k], self.value[k] = sorted(int(i) for i in selected), value
-
-    def _refine(self) -> None:
-        """Sweep with rising effort while time and labels allow."""
-        seconds, labels = self._sweep_all(PROBE, probing=True)
-        limited = math.isfinite(self.run.deadline)
-        for effort in EFFORTS:
-            before = self._labels
-            if limited and GROWTH * seconds > self.run.remaining() - LEAVE_TIME_S:
+    def _relax_at(self, at: int) -> None:
+        """Bound all budgets by the tangent at the fractional choice of one."""
+        problem = self.known[at]
+        objective = cast("Relaxable", problem.objective)
+        x = best_fraction(
+            objective,
+            root_choice(problem.constraints),
+            Run(self.run.rng, self.run.deadline, self.run.progress),
+            start=np.array(self.search.best[at], dtype=np.int64),
+            tolerance=TOLERANCE,
+        ).x
+        for k in sorted(self.budgets, key=lambda k: abs(k - at)):
+            if self.run.out_of_time() and k != at:
                 return
-            if not limited and before + 2 * labels > MOST_LABELS:
-                return
-            seconds, labels = self._sweep_all(effort)
-            if labels == 0 or all(self.bound(k) >= (1.0 - 1e-7) * self.value[k] for k in self.best):
-                return
+            bound = -tangent_bound(objective, self.known[k].constraints, x)
+            self.relaxed[k] = max(self.relaxed.get(k, 0.0), bound)
 
-    def _sweep_all(self, effort: Effort, *, probing: bool = False) -> tuple[float, int]:
-        """Sweep every drive; return the seconds it took and the labels, 0 if room ran out."""
-        seconds, labels = 0.0, 0
-        for weight, diagram in self._diagrams:
-            outcome = self._sweep(weight, diagram, effort, probing=probing)
-            if outcome is None:
-                return seconds, 0
-            seconds, labels = seconds + outcome.seconds, labels + outcome.labels
-            if not probing:
-                self._improve(outcome.paths)
-        self._labels += labels
-        return seconds, labels
+    def _count(self) -> None:
+        """Sweep with counts for the budgets that are open, as far as their labels are few."""
+        required = self._required()
+        affordable = MOST_COUNTED / max(self.prices.probe_labels, 1) - 1.0
+        asked = [
+            k
+            for k in self.budgets
+            if 0 < k - required <= affordable
+            and self._gap(k) > SLIGHT
+            and self.prices.above_hull(k - required) > SLIGHT
+        ]
+        if not asked:
+            return
+        most = self.known[asked[-1]]
+        usable, _, left = free_choice(most)
+        diagrams = [
+            (w, Diagram(p.drive, (p.w_tt, p.w_nn), usable, self.prices.required, left))
+            for w, p in self.prices.parts
+        ]
+        for effort, probing in ((PROBE, True), *((e, False) for e in EFFORTS)):
+            for weight, diagram in diagrams:
+                self._sweep(diagrams, weight, diagram, effort, asked, probing=probing)
+            for k in asked:
+                bound = _sum_of_bounds(diagrams, k - required)
+                self.counted[k] = max(self.counted.get(k, 0.0), bound)
+            if all(self._gap(k) <= CLOSED for k in asked):
+                return
 
     def _sweep(
-        self, weight: float, diagram: Diagram, effort: Effort, *, probing: bool
-    ) -> Outcome | None:
-        """Sweep one drive for all budgets at once."""
+        self,
+        diagrams: list[tuple[float, Diagram]],
+        weight: float,
+        diagram: Diagram,
+        effort: Effort,
+        asked: list[int],
+        *,
+        probing: bool,
+    ) -> None:
+        """Sweep one drive for all the budgets asked for at once."""
         n = diagram.drive.n_samples
         threshold = np.full(diagram.budget + 1, -np.inf)
-        for k in self.budgets:
+        for k in asked:
             left = k - self._required()
-            others = self.bound(k) - weight * diagram.bounds[left] / n
-            threshold[left] = np.inf if probing else (self.value[k] - others) * n / weight
-        return diagram.sweep(
+            others = _sum_of_bounds(diagrams, left) - weight * diagram.bounds[left] / n
+            threshold[left] = np.inf if probing else (self.search.value[k] - others) * n / weight
+        outcome = diagram.sweep(
             effort.width,
             threshold,
-            lambda: self.run.remaining() <= LEAVE_TIME_S,
+            self.prices.out_of_time,
             probing=probing,
             epsilon=PROBE_EPSILON if probing else None,
             coarse_width=effort.coarse,
             slots=effort.slots,
-            progress=lambda share: self.run.progress(f"width {effort.width}", share),
+            progress=lambda share: self.run.progress(f"counts, width {effort.width}", share),
         )
+        if outcome is not None and not probing:
+            for k in asked:
+                self._offer(outcome.paths[k - self._required()], k)
 
-    def _improve(self, paths: dict[int, list[int]]) -> None:
-        """Make placements of the best paths; polish those that promise something."""
-        for k in self.budgets:
-            path = paths.get(k - self._required())
-            if path is None:
-                continue
-            selected = repaired(self.known[k], path)
-            if set(selected) == set(self.best[k]) or self.run.out_of_time():
-                continue
-            value = self.known[k].objective.value(np.array(sorted(selected), dtype=np.int64))
-            if value < NEAR * self.value[k]:
-                self._polish(k, selected)
+    def _offer(self, path: list[int], k: int | None = None) -> None:
+        """Make a placement of a best path, for `k` or as many cameras as it has."""
+        if k is None:
+            k = len(set(path)) + self._required()
+        k = min(max(k, self.budgets[0]), self.budgets[-1])
+        selected = repaired(self.known[k], path)
+        if set(selected) == set(self.search.best[k]) or self.run.out_of_time():
+            return
+        value = self.known[k].objective.value(np.array(sorted(selected), dtype=np.int64))
+        if value < NEAR * self.search.value[k]:
+            self.search.improve(k, selected)
+
+
+def _sum_of_bounds(diagrams: list[tuple[float, Diagram]], left: int) -> float:
+    """Return the lower bound on the value with `left` cameras more than the required, in m²."""
+    return float(sum(w * d.bounds[left] / d.drive.n_samples for w, d in diagrams))
