@@ -283,7 +283,8 @@ def _write_figures(folder: Path, result: Result) -> None:
     """Write what other rooms draw of a result."""
     from placement.output import placements_by_budget
 
-    curve = placements_by_budget(folder, result.scene.problem.constraints.n)
+    n, selected = result.scene.problem.constraints.n, result.solution.selected
+    curve = placements_by_budget(folder, n, selected)
     result = replace(result, by_budget=curve)
     figures: dict[str, Content] = {}
     for entry in sorted(entry_points(group="placement.figures"), key=lambda e: e.name):

@@ -219,10 +219,13 @@ def cameras_seeing(
     return counts
 
 
-def placements_by_budget(folder: Path, n_candidates: int) -> dict[int, tuple[int, ...]]:
+def placements_by_budget(
+    folder: Path, n_candidates: int, selected: Sequence[int]
+) -> dict[int, tuple[int, ...]]:
     """Return the placements of `budget_curve.csv` by k; none if there is no such file, or damage.
 
-    Whether they are what they claim to be is for `placement verify` to say.
+    The last of them is `selected`, the folder's own. Whether they are what they claim to be is for
+    `placement verify` to say.
     """
     path = folder / "budget_curve.csv"
     if not path.exists():
@@ -236,7 +239,8 @@ def placements_by_budget(folder: Path, n_candidates: int) -> dict[int, tuple[int
     except (OSError, KeyError, TypeError, ValueError):
         return {}
     whole = all(0 <= i < n_candidates for chosen in curve.values() for i in chosen)
-    return curve if whole else {}
+    ends = bool(curve) and set(curve[max(curve)]) == set(selected)
+    return curve if whole and ends else {}
 
 
 def read_folder(folder: Path, *, check_hash: bool = True) -> Stored:
@@ -311,6 +315,8 @@ def _read_json(path: Path, wanted: str) -> dict[str, Any]:
 def _index(value: Any) -> int:
     if not isinstance(value, int) or isinstance(value, bool):
         raise ValueError(f"selected must be whole numbers, got {value!r}")
+    if not -(2**63) <= value < 2**63:
+        raise ValueError("selected must be candidates, got a number of more than 63 bits")
     return value
 
 

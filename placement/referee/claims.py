@@ -58,12 +58,20 @@ def certificate_checks(record: Mapping[str, Any], value: float, maximise: bool) 
 def curve_checks(
     path: Path, scene: Scene, candidates: Candidates, constraints: Constraints
 ) -> list[Check]:
-    """Check every row of `budget_curve.csv`: its placement, value, bound, gap and status."""
+    """Check every row of `budget_curve.csv`: its placement, value, bound, gap and status.
+
+    Its budgets follow each other without a hole, and the last is the folder's own.
+    """
     maximise = scene.instance.objective.kind in MAXIMISED
     sign = 1.0 if maximise else -1.0
     faults: list[str] = []
     last = {"value": -math.inf, "bound": -math.inf}
-    for n, row in enumerate(read_csv(path)):
+    rows = read_csv(path)
+    budgets = [whole(row.get("k") or "") for row in rows]
+    own = list(range(constraints.budget - len(rows) + 1, constraints.budget + 1))
+    if not rows or budgets != own:
+        faults.append(f"k must rise by one to the budget of {constraints.budget}")
+    for n, row in enumerate(rows):
         k, words = whole(row.get("k") or ""), (row.get("selected") or "").split()
         chosen = [whole(word) for word in words]
         if not isinstance(k, int) or not all(

@@ -13,7 +13,8 @@ def read_csv(path: Path) -> list[dict[str, str]]:
         with path.open(encoding="utf-8", newline="") as file:
             rows = list(csv.DictReader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(f"{path} cannot be read ({error})") from None
+        reason = getattr(error, "strerror", None) or "not a table of text"
+        raise ValueError(f"{path}: cannot be read ({reason})") from None
     for n, row in enumerate(rows):
         if None in row or None in row.values():
             raise ValueError(f"{path}: row {n} must have as many fields as the header")
