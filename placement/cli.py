@@ -122,7 +122,9 @@ def _commands() -> ModuleType:
 
 
 def _complain(problem: str) -> None:
-    print(f"placement: {' '.join(problem.split())}", file=sys.stderr)  # noqa: T201
+    line = " ".join(problem.split())
+    shown = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in line)
+    print(f"placement: {shown}", file=sys.stderr)  # noqa: T201
 
 
 @app.command()
@@ -229,3 +231,12 @@ def methods() -> None:
 
     for name, method in METHODS.items():
         typer.echo(f"{name:12} {method.summary}")
+
+
+@app.command()
+def keys() -> None:
+    """Print every key of an instance file, with its default or an example."""
+    from placement.instance.keys import key_lines
+
+    for line in key_lines():
+        typer.echo(line)

@@ -244,6 +244,15 @@ def test_a_damaged_solution_folder_is_refused(
         assert len(outcome.err.strip().splitlines()) == 1
 
 
+def test_a_name_made_to_write_over_the_terminal_is_shown_as_what_it_is(
+    run: Callable[..., Outcome], tmp_path: Path
+) -> None:
+    (tmp_path / "bad.toml").write_text('[road]\nfile = "\\u001b[2Jroad\\u0000.csv"\n')
+    outcome = run("solve", tmp_path / "bad.toml", "--out", tmp_path / "out")
+    assert outcome.code == 2
+    assert r"\x1b[2Jroad\x00.csv" in outcome.err
+
+
 def test_an_interrupt_leaves_no_half_file(small: Path, tmp_path: Path) -> None:
     """Interrupt at three moments: each time there is a whole solution or none at all."""
     small.write_text(SMALL.replace("length=60", "length=2000").replace("= 3", "= 60"))
