@@ -217,7 +217,8 @@ class Proof:
 
         def report(share: float) -> None:
             gap = (self.value - self.bound) / max(self.value, 1e-300)
-            text = f"width {effort.width}, value {self.value:.6g}, gap {100.0 * gap:.3g} %"
+            known = " with offsets known" if self.persistent else ""
+            text = f"width {effort.width}, value {self.value:.6g}{known}, gap {100.0 * gap:.3g} %"
             self.run.progress(text, share)
 
         outcome = diagram.sweep(

@@ -92,7 +92,8 @@ def _climb(
         state.add(best)
         upper.forget()
         run.incumbent = state.selected
-        run.progress(f"{len(state.selected)} cameras", len(state.selected) / constraints.budget)
+        placed = len(state.selected)
+        run.progress(f"greedy: {placed} of {constraints.budget}", placed / constraints.budget)
     return state, upper, False
 
 
