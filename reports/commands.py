@@ -114,6 +114,7 @@ def report(
     roads = tuple(road or ())
     if roads and not any(each.takes_roads for each in chosen.values()):
         raise ValueError(f"--road is for {', '.join(_with_roads())}, got the study {study}")
+    _check_roads(roads)
     work = work_for(workers or cores())
     try:
         with prepared_folder(out), watch(quiet) as progress:
@@ -129,6 +130,33 @@ def report(
         work.close()
     if not quiet:
         typer.echo(f"results in {out}")
+
+
+def _check_roads(roads: tuple[Path, ...]) -> None:
+    """Read the files of `--road` before anything long begins, and tell them apart by their names.
+
+    Raises:
+        ValueError: one line that names the file and what is wrong.
+    """
+    if not roads:
+        return
+    from placement.roadway import build_road, network_of
+    from reports.camera_sets import ROADS, instances_of
+
+    taken = {name: "a road of the study" for name in ROADS}
+    for road in roads:
+        if not road.is_file():
+            raise ValueError(f"--road must be a file that can be read, got {road} (No such file)")
+        for name, instance in instances_of([], [road]).items():
+            if name in taken:
+                raise ValueError(
+                    f"--road must be files whose names differ up to the first dot, got {road} "
+                    f"beside {taken[name]}"
+                )
+            taken[name] = str(road)
+            build_road(instance)
+            if network_of(instance) is not None:
+                raise ValueError(f"--road must hold one road, got a network of streets in {road}")
 
 
 def _with_roads() -> list[str]:

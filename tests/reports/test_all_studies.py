@@ -88,6 +88,24 @@ def test_what_cannot_be_is_refused(
         asked(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("files", "message"),
+    [
+        ({"a.csv": "0,0\n10,nan\n"}, r"a\.csv: line 2: y_m must be finite, got nan"),
+        ({"a.csv": "0,0\n10,0\n", "A.old.csv": "0,0\n9,0\n"}, r"names differ .* got .*A\.old\.csv"),
+        ({"hairpin.csv": "0,0\n10,0\n"}, r"hairpin\.csv beside a road of the study"),
+    ],
+)
+def test_a_bad_road_is_refused_before_any_study_begins(
+    files: dict[str, str], message: str, tmp_path: Path
+) -> None:
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    with pytest.raises(ValueError, match=message):
+        report("all", tmp_path / "out", road=[tmp_path / name for name in files])
+    assert not (tmp_path / "out").exists()
+
+
 def placement(out: Path, workers: int) -> subprocess.Popen[bytes]:
     command = "from placement.cli import main; main()"
     options = ["--quick", "--seed", "3", "--workers", str(workers), "--quiet"]
