@@ -143,7 +143,7 @@ def _check_roads(roads: tuple[Path, ...]) -> None:
     from placement.roadway import build_road, network_of
     from reports.camera_sets import ROADS, instances_of
 
-    taken = {name: "a road of the study" for name in ROADS}
+    taken = dict.fromkeys(ROADS, "a road of the study")
     for road in roads:
         if not road.is_file():
             raise ValueError(f"--road must be a file that can be read, got {road} (No such file)")
