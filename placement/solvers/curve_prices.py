@@ -135,12 +135,14 @@ class PricedCurve:
         unspent = [p for p in self.prices if not p.spent]
         best = min(unspent, key=lambda p: unsuited(p.price), default=None)
         wanted = price_for(budget, value, self.nothing)
+        if wanted <= 0.0:  # no more cameras help
+            return None
         if best is not None:
             unproven = least_at(best.price, value)[0] - best.bound
             if unsuited(best.price) <= max(unproven, unsuited(wanted) + SLIGHT * value[budget]):
                 return best
         alike = [p for p in self.prices if max(p.price / wanted, wanted / p.price) < ALIKE]
-        if budget >= self.ceiling or wanted <= 0.0 or (alike and all(p.spent for p in alike)):
+        if budget >= self.ceiling or (alike and all(p.spent for p in alike)):
             return None
         return next((p for p in alike if not p.spent), None) or self._new(wanted, value)
 

@@ -15,6 +15,7 @@ from placement.problem import Problem
 from placement.solvers.diagram import free_choice, white_parts
 
 CANDIDATES = 8
+LOOSE = 1.5  # times the best: a threshold as poor placements give it
 
 
 def tiny(seed: int) -> tuple[Trace, IntArray]:
@@ -61,7 +62,7 @@ def check_block(block: int, roads: int) -> tuple[int, int]:
         nothing = worth[0][0]
         price = nothing * 10.0 ** rng.uniform(-3.0, 0.0)
         best = min(value + price * size for value, size in worth)
-        most = min(budget, int(best / price * (1.0 + 1e-9)))
+        most = min(budget, int(LOOSE * best / price * (1.0 + 1e-9)))
         (_, part) = white_parts(problem)[0]
         n = part.drive.n_samples
         usable, required, _ = free_choice(problem)
@@ -80,8 +81,10 @@ def check_block(block: int, roads: int) -> tuple[int, int]:
         for probing, width, coarse, slots, limit in (
             (True, 5, 1, 1, np.inf),
             (False, 1, 1, 1, np.inf),
-            (False, 3, 2, 1, best * n * (1.0 + 1e-9)),
-            (False, 40, 40, 8, best * n * (1.0 + 1e-9)),
+            # what is pruned shows only where the threshold, which caps the bound, is above the best
+            (False, 3, 2, 1, LOOSE * best * n),
+            (False, 10, 4, 2, 1.1 * best * n),
+            (False, 40, 40, 8, 1.02 * best * n),
         ):
             outcome = diagram.sweep(
                 width, limit, lambda: False, probing=probing, coarse_width=coarse, slots=slots

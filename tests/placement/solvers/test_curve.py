@@ -14,6 +14,7 @@ from placement.budget_curve import budget_curve
 from placement.constraints import Constraints
 from placement.objectives.trace import Trace
 from placement.problem import Problem, Run
+from placement.solution import Status
 from placement.solvers.curve_prices import PricedCurve, least_at, price_for
 from placement.solvers.curve_search import CurveSearch
 from placement.solvers.trace_curve import BOUND_FROM, PRICED, CurveProof
@@ -59,31 +60,53 @@ def best_values(problem: Problem) -> dict[int, float]:
 
 
 def check(seed: int, drives: int, source: str) -> tuple[int, int]:
-    """Solve a tiny road's curve; return how many bounds are of `source`, and how many tight."""
+    """Solve a tiny road's curve; return how many bounds are of `source`, and how many tight.
+
+    Bounds are looked at before placements cap them, which would hide what is wrong.
+    """
     problem = tiny(seed, drives)
     best = best_values(problem)
-    first = 1 + seed % 3
-    curve = budget_curve(problem, first, MOST)
+    budgets = range(1 + seed % 3, MOST + 1)
+    proof = CurveProof(problem, budgets, Run(np.random.default_rng(seed)))
+    assert proof.work()
     named = tight = 0
-    for k, found in enumerate(curve.solutions, first):
-        assert found.bound is not None
-        assert found.bound <= best[k] * (1.0 + 1e-9), (seed, k)
-        assert found.value >= best[k] * (1.0 - 1e-9)
+    for k, found in zip(budgets, proof.proposals(Status.FEASIBLE), strict=True):
+        assert proof.bound(k) <= best[k] * (1.0 + 1e-9), (seed, k)
         assert not replace(problem.constraints, budget=k).violations(found.selected)
         named += found.stats["bound_from"] == source
-        tight += found.bound >= 0.95 * best[k]
+        tight += proof.bound(k) >= 0.95 * best[k]
     return named, tight
 
 
+@pytest.fixture
+def poor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the search find little: good placements would cap thresholds, and hide faults."""
+
+    def work(self: CurveSearch) -> None:
+        for k, problem in self.known.items():
+            order = np.random.default_rng(k // 2).permutation(CANDIDATES)
+            rules = replace(
+                problem.constraints, budget=max(k - 1, problem.constraints.required.size)
+            )
+            self.offer(k, rules.trimmed(order).tolist())
+            if k - 1 in self.best:
+                self.offer(k, self.best[k - 1])
+
+    monkeypatch.setattr(CurveSearch, "work", work)
+    monkeypatch.setattr(CurveSearch, "improve", CurveSearch.offer)
+
+
+@pytest.mark.usefixtures("poor")
 @pytest.mark.parametrize("drives", [1, 2])
 def test_prices_alone_bound_every_budget(drives: int, monkeypatch: pytest.MonkeyPatch) -> None:
     for other in ("_relax", "_relax_at", "_count"):
         monkeypatch.setattr(CurveProof, other, lambda *_: None)
     found = np.sum([check(seed, drives, PRICED) for seed in range(40)], axis=0)
-    assert found[0] >= (25 if drives == 1 else 15)
-    assert found[1] >= (80 if drives == 1 else 40)  # and no empty promise
+    assert found[0] >= 15
+    assert found[1] >= 30  # and no empty promise
 
 
+@pytest.mark.usefixtures("poor")
 def test_counts_alone_bound_every_budget(monkeypatch: pytest.MonkeyPatch) -> None:
     for other in ("_relax", "_relax_at", "_price"):
         monkeypatch.setattr(CurveProof, other, lambda *_: None)
@@ -95,11 +118,23 @@ def test_counts_alone_bound_every_budget(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_all_means_together_leave_little() -> None:
     tight = sum(check(1000 + seed, 1, PRICED)[1] for seed in range(40))
-    assert tight >= 110  # of 160
+    assert tight >= 90  # of 120
+
+
+@pytest.mark.usefixtures("poor")
+@pytest.mark.slow
+@pytest.mark.parametrize("block", range(10))
+def test_no_price_lies_above_the_best_on_hundreds_of_roads(
+    block: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for other in ("_relax", "_relax_at", "_count"):
+        monkeypatch.setattr(CurveProof, other, lambda *_: None)
+    for seed in range(100):
+        check(5000 + 100 * block + seed, 1 + seed % 2, PRICED)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("block", range(20))
+@pytest.mark.parametrize("block", range(10))
 def test_no_curve_lies_above_the_best_of_all_placements(block: int) -> None:
     for seed in range(100):
         check(2000 + 100 * block + seed, 1 + seed % 2, PRICED)
