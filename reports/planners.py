@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from placement.atomic import Content
     from placement.commands import Result
 
+FIRST = 1  # camera, as on the page: whoever looks a number up there must find the same pole
 _CAMERA, _SEEN = "213,94,0", "86,180,233,90"  # vermilion; sky blue, a third opaque
 
 
@@ -91,9 +92,10 @@ def _as_geojson(result: Result, table: pd.DataFrame, grounds: list[list[Piece]])
     where = georeference_of(result.scene.instance)
     features = []
     places = table[["x_m", "y_m"]].to_numpy(dtype=np.float64)
-    for n, (row, pieces) in enumerate(zip(table.to_dict("records"), grounds, strict=True)):
+    numbered = enumerate(zip(table.to_dict("records"), grounds, strict=True), FIRST)
+    for n, (row, pieces) in numbered:
         about = {"camera": n, **{str(key): value for key, value in row.items()}}
-        point = where.to_file(places[n : n + 1])
+        point = where.to_file(places[n - FIRST : n - FIRST + 1])
         features.append(feature("Point", point, where, {**about, "what": "camera"}))
         if pieces:
             features.append(area_feature(pieces, where, {"camera": n, "what": "footprint"}))
@@ -103,7 +105,8 @@ def _as_geojson(result: Result, table: pd.DataFrame, grounds: list[list[Piece]])
 def _shapes(table: pd.DataFrame, grounds: list[list[Piece]]) -> list[Shape]:
     """Return points and footprints in the network's own metres."""
     shapes = []
-    for n, (row, pieces) in enumerate(zip(table.to_dict("records"), grounds, strict=True)):
+    numbered = enumerate(zip(table.to_dict("records"), grounds, strict=True), FIRST)
+    for n, (row, pieces) in numbered:
         about = tuple(
             (str(key), f"{value:.10g}" if isinstance(value, float) else str(value))
             for key, value in row.items()

@@ -82,6 +82,7 @@ def test_cameras_lie_where_the_network_s_projection_says(solved: Path) -> None:
     found = np.array([f["geometry"]["coordinates"] for f in points])
     wanted = placements[["x_m", "y_m"]].to_numpy() + np.array([294_000.0, 5_497_000.0])
     np.testing.assert_allclose(found, wanted, atol=1e-3)
+    assert [f["properties"]["camera"] for f in points] == [1, 2, 3]  # as the page numbers them
     assert [f["properties"]["pitch_deg"] for f in points] == placements["pitch_deg"].tolist()
     assert sum(f["properties"]["what"] == "footprint" for f in content["features"]) == 3
     to = pyproj.Transformer.from_crs("EPSG:32632", "EPSG:4326", always_xy=True)
