@@ -43,8 +43,10 @@ def prepared_folder(folder: Path) -> Iterator[None]:
         prepare_folder(folder)
         yield
     except BaseException:
-        for each in missing:
-            with suppress(OSError):  # it holds something, or was never made
+        new = folder in missing and os.path.isdir(folder)  # noqa: PTH112 - no error for any name
+        inside = list(folder.iterdir()) if new else []
+        for each in (*inside, *missing):
+            with suppress(OSError):  # it holds something, is a file, or was never made
                 each.rmdir()
         raise
 

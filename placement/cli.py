@@ -62,7 +62,7 @@ def interruptible(
         left = nothing
         if _written_at(file) != before:
             left = f"{file} is written whole, the figures beside it are not"
-        elif out is not None and (out / INFORMATION).is_dir():
+        elif out is not None and any((out / INFORMATION).glob("*")):
             left = "the same command goes on from here"
         typer.echo(f"placement: interrupted; {left}", err=True)
         raise typer.Exit(EXIT_UNSOLVED) from None

@@ -259,7 +259,9 @@ class Search:
         proven = count > allowed
         money = f" and budget.money = {constraints.money:g}" if constraints.limits_money else ""
         verb = "keeps" if proven else "was found that keeps"
-        least = "no number of them suffices" if count >= MOST_UNITS else f"at least {count} needed"
+        least = f"at least {count} cameras needed"
+        if count >= MOST_UNITS:
+            least = "no number of them suffices"
         reason = (
             f"no placement of at most budget.cameras = {allowed}{money} {verb} {what}: "
             f"{least} (proven){known}"

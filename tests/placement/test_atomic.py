@@ -50,7 +50,9 @@ def test_a_block_that_fails_takes_back_the_empty_folders_made_for_it(
     for out in (tmp_path / "new" / "deep", tmp_path / "old"):
         with pytest.raises(stop), prepared_folder(out):
             assert out.is_dir()
+            (out / "begun").mkdir(exist_ok=True)
             raise stop
+    (tmp_path / "old" / "begun").rmdir()
     assert [p.name for p in tmp_path.iterdir()] == ["old"]
     with pytest.raises(stop), prepared_folder(tmp_path / "new" / "deep"):
         (tmp_path / "new" / "kept").write_text("")
