@@ -13,6 +13,7 @@ from __future__ import annotations
 import importlib
 import multiprocessing
 import os
+import re
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -184,6 +185,10 @@ class DaskCluster:
         if "://" in address and address.partition("://")[0] not in _SCHEMES:
             # Dask would say so in pages, twenty seconds later
             raise ValueError(f"--cluster must begin with tcp:// or tls://, got {address}")
+        if not re.search(r":\d+/?$", address) and not address.startswith("inproc"):
+            raise ValueError(
+                f"--cluster must be the address of a Dask scheduler, with its port, got {address}"
+            )
         try:
             distributed = _distributed()
         except ImportError:

@@ -103,7 +103,7 @@ def test_a_cluster_that_does_not_answer_is_one_line(monkeypatch: pytest.MonkeyPa
     assert "\n" not in str(error.value)
     with pytest.raises(ValueError, match=r"--cluster tls://… needs certificates"):
         work_at(cluster=CLOSED_PORT.replace("tcp", "tls"))
-    with pytest.raises(ValueError, match=r"--cluster must be the address .* got nonsense"):
+    with pytest.raises(ValueError, match=r"--cluster must be the address .* port, got nonsense"):
         work_at(cluster="nonsense")
     with pytest.raises(ValueError, match=r"--cluster must begin with tcp:// .* got http://x"):
         work_at(cluster="http://x")
