@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,19 @@ N_COUNTERS = 6
 KEY_BITS = 18  # of a camera, or a second one, in the key of a set; `Course` holds fewer than 2**17
 MOST_UNITS = 100_000  # as good as infinitely many
 MOST_NODES, MOST_ARCS, MOST_WAITING, MOST_SETS = 12_000_000, 48_000_000, 500_000, 60_000
+
+
+class OutOfTime(Exception):  # noqa: N818 - a signal, not an error
+    """A sweep was stopped by the clock."""
+
+
+@dataclass(frozen=True, slots=True)
+class Effort:
+    """How finely a sweep tells labels apart."""
+
+    width: int  # free labels a sample and price
+    slots: int  # labels of one set of cameras in view
+    epsilon: float  # the least ratio between labels that are merged
 
 
 class Course(NamedTuple):
@@ -64,6 +78,8 @@ class Known(NamedTuple):
     hi: IntArray
     p: FloatArray  # (n, 2, 6)
     need: IntArray  # (n,)
+    asked: BoolArray  # (t,) where a probing sweep lets the floor start a label
+    horizon: int  # from where on free labels are followed no more: they need what they are known to
 
 
 class Store(NamedTuple):

@@ -10,34 +10,31 @@ cameras have prices, and that required cameras and those that cost nothing might
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from models.geometry import BoolArray, IntArray
 from placement.fewest import arrays
-from placement.fewest.arrays import MOST_UNITS, Known, Store, new_store
+from placement.fewest.arrays import (
+    MOST_NODES,
+    MOST_UNITS,
+    Effort,
+    Known,
+    OutOfTime,
+    Store,
+    new_store,
+)
 from placement.fewest.course import course_of, spans
 from placement.fewest.graph import backward
-from placement.fewest.stretches import by_chains, chains, floor_reach, least_of_sets, stretches
+from placement.fewest.stretches import floor_reach, least_of_sets, mend
 from placement.fewest.sweep import sweep
+from placement.fewest.tails import PASSES, ask_tails
 from placement.objectives.navigation import WhiteDrive
 from placement.objectives.windows.offsets import Views
 
 CHUNK = 8  # samples swept between looks at the clock
 MOST_ROWS = 400  # of the table, a sample
-
-
-@dataclass(frozen=True, slots=True)
-class Effort:
-    """How finely a sweep tells labels apart."""
-
-    width: int  # free labels a sample and price
-    slots: int  # labels of one set of cameras in view
-    epsilon: float  # the least ratio between labels that are merged
-
-
 EFFORTS = (
     Effort(4, 1, 0.1),
     Effort(12, 2, 0.03),
@@ -47,12 +44,7 @@ EFFORTS = (
 )
 PROBE = Effort(100, 1, 0.02)
 MOST_PROBES = 12
-EASY = 50_000  # labels of a sweep that is done before a probe
-PROBE_DARK = Effort(30, 1, 0.05)  # with failures, once: later probes find next to nothing
-
-
-class OutOfTime(Exception):  # noqa: N818 - a signal, not an error
-    """A sweep was stopped by the clock."""
+EASY = 1_200_000  # labels that a sweep between passes has storage for
 
 
 class Counting:
@@ -91,11 +83,8 @@ class Counting:
         t = c.steps.shape[0]
         self.floor = np.zeros(t + 1, dtype=np.int64)
         self.sure = np.zeros(t + 1, dtype=np.int64)  # what even cameras in view at t cannot spare
-        stretches(self.reach, first, last, c.units, 1 + failures, self.sure)
-        self.floor[:] = self.sure
-        self.hope = self.sure.copy()
-        if not failures:
-            by_chains(self.reach, first, last, c.units, self.floor, self.hope)
+        self.hope = np.zeros(t + 1, dtype=np.int64)
+        self.mend()
         self.rows = (np.zeros(t, np.int64), np.zeros(t, np.int64), np.empty((0, 2, 6)),
                      np.empty(0, np.int64))  # fmt: skip
         self._need = int(self.floor[0])
@@ -106,9 +95,10 @@ class Counting:
     @property
     def need(self) -> int:
         """The proven number of units of price: whole, as every placement's is."""
-        if self._need >= MOST_UNITS:  # no number of them suffices
-            return self._need
-        return -(-self._need // self.course.per_unit)
+        need = max(self._need, int(self.floor[0]))  # at the start nothing is pending
+        if need >= MOST_UNITS:  # no number of them suffices
+            return need
+        return -(-need // self.course.per_unit)
 
     def begins(self, selected: IntArray) -> IntArray:
         """Return the first sample (m,) at which each of some candidates is in view."""
@@ -125,8 +115,13 @@ class Counting:
         try:
             if self.course.failures:
                 self._easily(most, stop, tell)
-            if self.need < most and not self._probe(stop, tell):
+            elif self.need < most and not self._probe(stop, tell):
                 return True
+            for how in PASSES if self.course.failures else ():
+                if self.need >= min(most, MOST_UNITS):
+                    break
+                ask_tails(self, how, stop, partial(tell, -1))
+                self._easily(most, stop, tell)
             while self.need < min(most, MOST_UNITS):
                 asked = self.need
                 k = asked * self.course.per_unit
@@ -146,25 +141,23 @@ class Counting:
     def _easily(
         self, most: int, stop: Callable[[], bool], tell: Callable[[int, float], None]
     ) -> None:
-        """Raise `need` while a sweep takes few labels: a probe with failures takes many."""
-        nodes = 0
-        while self.need < min(most, MOST_UNITS) and nodes < EASY:
-            asked, before = self.need, self.labels
+        """Raise `need` while a sweep takes few labels."""
+        while self.need < min(most, MOST_UNITS):
+            asked = self.need
             k = asked * self.course.per_unit
-            room = self.sweep(k, EFFORTS[0], probing=False, stop=stop, report=partial(tell, 0))
+            report = partial(tell, 0)
+            room = self.sweep(k, EFFORTS[0], probing=False, stop=stop, report=report, room=EASY)
             if not room or self.need == asked:
                 return
-            nodes = self.labels - before
 
     def _probe(self, stop: Callable[[], bool], tell: Callable[[int, float], None]) -> bool:
         """Learn what the floor needs, until that changes no more; return whether there was room."""
-        effort, most = (PROBE_DARK, 1) if self.course.failures else (PROBE, MOST_PROBES)
-        for _ in range(most):
+        for _ in range(MOST_PROBES):
             # where no number of cameras does there is nothing to learn
             finite = self.floor < MOST_UNITS
             before = int(np.sum(self.floor, where=finite))
             k = int(np.max(self.floor, where=finite, initial=0)) + self.course.per_unit
-            if not self.sweep(k, effort, probing=True, stop=stop, report=partial(tell, -1)):
+            if not self.sweep(k, PROBE, probing=True, stop=stop, report=partial(tell, -1)):
                 return False
             if int(np.sum(self.floor, where=finite)) - before <= 0.01 * before:
                 break
@@ -178,33 +171,66 @@ class Counting:
         probing: bool,
         stop: Callable[[], bool],
         report: Callable[[float], None] = lambda _share: None,
+        room: int = MOST_NODES,
     ) -> bool:
         """Sweep once within k units of the course; return whether there was room.
 
-        Learns the table and what is needed.
+        Learns the table and what is needed. `room` is for how many labels.
         """
+        t = self.course.steps.shape[0]
+        asked = np.full(t, probing)
+        return self._swept(k, effort, asked, 0, t, t if probing else 0, stop, report, room)
+
+    def ask(self, asked: BoolArray, horizon: int, effort: Effort, stop: Callable[[], bool]) -> bool:
+        """Ask what the floor needs at the samples `asked` (t,); return whether there was room.
+
+        Labels are followed to the horizon: from there on they need what is known already.
+        """
+        c, when = self.course, np.flatnonzero(asked)
+        k = int(self.floor[when].max()) + c.per_unit
+        begin, end = int(when[0]), int(when[-1]) + 1
+        return self._swept(k, effort, asked, begin, horizon, end, stop, lambda _share: None)
+
+    def _swept(
+        self, k: int, effort: Effort, asked: BoolArray, begin: int, horizon: int, probed: int,
+        stop: Callable[[], bool], report: Callable[[float], None], room: int = MOST_NODES,
+    ) -> bool:  # fmt: skip
+        """Sweep from `begin`, to `probed` from the floor, until no label is left; learn from it."""
         c = self.course
         t = c.steps.shape[0]
         self.floor[:] = np.where(c.settled, -(-self.floor // c.per_unit) * c.per_unit, self.floor)
-        known = Known(self.floor, self.hope, *self.rows)
-        store = self._cleared(k) if probing else self.started(k)
+        known = Known(self.floor, self.hope, *self.rows, asked, horizon)
+        store = self._cleared(k) if probed else self.started(k)
+        store = store._replace(
+            node_need=store.node_need[:room], arc_from=store.arc_from[: 4 * room]
+        )
         least = least_of_sets(self.first, self.last, c.units, self.hope)
         bin_epsilon = np.zeros(k + 1)
-        mode = arrays.PROBING if probing else arrays.PROVING
-        for begin in range(0, t, CHUNK):
+        while begin < t:
             if stop():
                 raise OutOfTime
             report(begin / t)
-            sweep(begin, min(t, begin + CHUNK), k, c, known, store, least, effort.width,
-                         effort.slots, effort.epsilon, mode, bin_epsilon)  # fmt: skip
+            end = min(t, begin + CHUNK, probed if begin < probed else t)
+            mode = arrays.PROBING if begin < probed else arrays.PROVING
+            sweep(begin, end, k, c, known, store, least, effort.width, effort.slots,
+                  effort.epsilon, mode, bin_epsilon)  # fmt: skip
             if store.counter[arrays.FULL]:
                 return False
+            begin = end
+            if begin >= probed and is_over(store, begin):
+                break
         backward(c, store)
         self.labels += int(store.counter[arrays.NODES])
-        if not probing:  # the root's own list entry came as an arc without a parent
+        if not probed:  # the root's own list entry came as an arc without a parent
             self._need = max(self._need, int(store.node_need[int(store.arc_to[0])]))
         self._learn(store)
         return True
+
+    def mend(self) -> None:
+        """Raise what is needed by what is known to be needed later."""
+        c = self.course
+        mend(self.reach, c.at, self.first, self.last, c.units, self.span, 1 + c.failures,
+             self.sure, self.floor, self.hope)  # fmt: skip
 
     def _cleared(self, k: int) -> Store:
         """Return the storage, made once, empty and with room for k units."""
@@ -244,7 +270,7 @@ class Counting:
             store.node_p[free, 1] == c.floor[when[free]], axis=1
         )
         np.maximum.at(self.floor, when[free[at_floor]], store.node_need[free[at_floor]])
-        chains(self.first, self.last, c.units, self.floor, self.sure, self.hope)
+        self.mend()
         free = free[store.node_need[free] > self.floor[when[free]]]
         lo, hi, p, need = self.rows
         old_t = np.repeat(np.arange(t), hi - lo)
@@ -261,3 +287,14 @@ class Counting:
             np.searchsorted(times, np.arange(t)), np.searchsorted(times, np.arange(t), "right"),
             np.ascontiguousarray(ps), needs,
         )  # fmt: skip
+
+
+def is_over(store: Store, t: int) -> bool:
+    """Return whether no label is left that sample t or a later one would see."""
+    side = t % 2
+    return bool(
+        store.counter[arrays.N_COUNTERS] == 0
+        and store.head[t:].max(initial=-1) < 0
+        and store.blind_node[side].max(initial=-1) < 0
+        and store.crowd_node[side].max(initial=-1) < 0
+    )

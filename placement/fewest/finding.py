@@ -13,8 +13,8 @@ import numpy as np
 
 from models.geometry import IntArray
 from placement.fewest import arrays
-from placement.fewest.arrays import MOST_UNITS, Course, Known, Store
-from placement.fewest.bound import CHUNK, Counting, Effort, OutOfTime
+from placement.fewest.arrays import MOST_UNITS, Course, Effort, Known, OutOfTime, Store
+from placement.fewest.bound import CHUNK, Counting
 from placement.fewest.graph import backward
 from placement.fewest.stretches import least_of_sets
 from placement.fewest.sweep import sweep
@@ -78,7 +78,7 @@ def find(
     floor, hope = counting.floor, counting.hope
     if guess is not None:
         floor, hope = (np.maximum(x, guess * c.per_unit) for x in (floor, hope))
-    known = Known(floor, hope, *counting.rows)
+    known = Known(floor, hope, *counting.rows, np.zeros(t, np.bool_), t)
     store = counting.started(k)
     least = least_of_sets(counting.first, counting.last, counting.course.units, hope)
     least += np.where(c.units < MOST_UNITS, 0, MOST_UNITS)

@@ -71,13 +71,16 @@ def new_node(store, t, p, past):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def deposit(course, known, store, k, parent, units, camera, m, t, p, past):  # type: ignore[no-untyped-def]
-    """Leave a free label of price m for sample t, unless it is known to be too dear."""
+    """Leave a free label of price m for sample t, unless it is known to be too dear.
+
+    From the horizon on it is not followed: it needs at least what is known of it.
+    """
     if t >= course.steps.shape[0]:
         record(store, parent, END, units, camera)
         return
     m = settle(course, t, m)
     togo = needed(known, t, p, past, course.failures)
-    if m + togo > k:
+    if m + togo > k or t >= known.horizon:
         store.node_need[parent] = min(store.node_need[parent], units + togo)
         return
     x = store.counter[FREE]

@@ -1,10 +1,11 @@
-"""What a car needs from the floor on: stretches someone must see, chains of cameras in reach."""
+"""What a car needs from the floor on: stretches that must be seen, by cameras within reach."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
+from placement.fewest.arrays import MOST_UNITS
 from placement.objectives.windows.filter import predict, row6, update
 
 
@@ -28,63 +29,36 @@ def floor_reach(steps, base, floor, limit):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def stretches(reach, first, last, units, times, out):  # type: ignore[no-untyped-def]
-    """Fill `out` (t + 1,): units that stretches after t need, no camera seeing two of them.
+def mend(reach, at, first, last, units, span, times, sure, floor, hope):  # type: ignore[no-untyped-def]
+    """Raise what is needed (t + 1,) by what is known to be needed later.
 
-    Within t…reach(t) someone must see the car, `times` over; whoever sees it there sees nothing
-    from the end of the last such view on. Cameras may be in view at t already.
+    sure: even where cameras are in view that have been paid. Within t…reach(t) `times` cameras must
+    see the car, and who sees it there sees nothing from the end of the last such view on.
+    floor: nothing is pending, so those cameras start within t…reach(t): `times` of them, and what
+    follows after one of them. hope: cameras in view are paid besides. No view exceeds `span`.
     """
     t_end = reach.size
-    out[t_end] = 0
     for t in range(t_end - 1, -1, -1):
-        out[t] = 0
-        if reach[t] == t_end:
-            continue
-        least, end = np.int64(1_000_000), t
-        for v in range(first.size):
-            if first[v] <= reach[t] and last[v] >= t:
+        early = at[max(0, t - span + 1)]
+        if reach[t] < t_end:
+            least, end = np.int64(MOST_UNITS), t
+            cheapest, best = np.int64(MOST_UNITS), np.int64(MOST_UNITS)
+            for v in range(early, at[reach[t] + 1]):
+                if last[v] < t:
+                    continue
                 least = min(least, units[v])
                 end = max(end, last[v] + 1)
-        if end == t:
-            out[t] = 1_000_000
-        else:
-            out[t] = min(1_000_000, times * least + out[end])
-
-
-@njit(cache=True)
-def by_chains(reach, first, last, units, floor, hope):  # type: ignore[no-untyped-def]
-    """Raise `floor` and `hope` (t + 1,) by the cheapest chain of cameras, each in reach."""
-    t_end = reach.size
-    for t in range(t_end - 1, -1, -1):
-        if reach[t] < t_end:
-            best = np.int64(1_000_000)
-            for v in range(first.size):
-                if t <= first[v] <= reach[t]:
+                if first[v] >= t:
+                    cheapest = min(cheapest, units[v])
                     best = min(best, units[v] + hope[last[v] + 1])
-            floor[t] = max(floor[t], best)
-        hope[t] = max(hope[t], hoped(t, first, last, units, floor, hope))
-
-
-@njit(cache=True)
-def hoped(t, first, last, units, floor, hope):  # type: ignore[no-untyped-def]
-    """Return the least of `floor` at t and of a camera that sees t, come from before it."""
-    best = floor[t]
-    for v in range(first.size):
-        if first[v] < t <= last[v]:
-            best = min(best, units[v] + hope[last[v] + 1])
-    return best
-
-
-@njit(cache=True)
-def chains(first, last, units, floor, sure, hope):  # type: ignore[no-untyped-def]
-    """Fill `hope` (t + 1,) from `floor`: what the end of a set needs if cameras may follow in it.
-
-    `sure` is needed even then.
-    """
-    t_end = floor.size - 1
-    hope[t_end] = 0
-    for t in range(t_end - 1, -1, -1):
-        hope[t] = max(sure[t], hope[t], hoped(t, first, last, units, floor, hope))
+            after = times * least + hope[end] if end > t else MOST_UNITS
+            sure[t] = max(sure[t], min(after, MOST_UNITS))
+            floor[t] = max(floor[t], sure[t], min((times - 1) * cheapest + best, MOST_UNITS))
+        pending = floor[t]
+        for v in range(early, at[t]):
+            if last[v] >= t:
+                pending = min(pending, units[v] + hope[last[v] + 1])
+        hope[t] = max(hope[t], sure[t], pending)
 
 
 @njit(cache=True)

@@ -48,9 +48,9 @@ def sweep(begin, end, k, course, known, store, least, width, slots, epsilon, mod
     """Sweep samples begin…end − 1 within k units; counter[FULL] is set if storage runs out.
 
     least (v,) is what a set that starts with camera v takes at least, from before v on. mode:
-    PROVING; PROBING, where the floor itself starts a label at every sample, at the greatest whole
-    price at which it is not known to be too dear; or FINDING, where labels are not merged but left
-    out, and cameras are what they are.
+    PROVING; PROBING, where the floor itself starts a label at every sample asked, at the greatest
+    whole price at which it is not known to be too dear; or FINDING, where labels are not merged
+    but left out, and cameras are what they are.
     """
     t_end = course.steps.shape[0]
     failures = course.failures
@@ -87,7 +87,7 @@ def sweep(begin, end, k, course, known, store, least, width, slots, epsilon, mod
             while e >= 0:
                 n += 1
                 e = store.pool_next[e]
-            probe = probing and m == k - known.floor[t] - (course.per_unit - 1)
+            probe = probing and known.asked[t] and m == k - known.floor[t] - (course.per_unit - 1)
             if n == 0 and not probe:
                 continue
             if n > most:

@@ -10,8 +10,9 @@ import pytest
 
 from benchmarks.synthetic_drives import CAR, ROBOT, random_drive
 from placement.constraints import Constraints, count_only
+from placement.fewest.arrays import Effort
 from placement.fewest.beam import Beam
-from placement.fewest.bound import PROBE, Counting, Effort
+from placement.fewest.bound import PROBE, Counting
 from placement.fewest.course import whole_units
 from placement.fewest.finding import find
 from placement.objectives.navigation_chain import Drive
