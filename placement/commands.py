@@ -329,7 +329,10 @@ def _say(lines: list[str]) -> None:
 
 
 def _validation_lines(validation: Validation, runs: int, seconds: float, folder: Path) -> list[str]:
-    lines = [f"{runs} closed-loop runs in {seconds:.1f} s; results in {folder}"]
+    drives = validation.summary.get("drives", [])
+    each = f" of each of {len(drives)} drives" if drives else ""
+    first = f"; of the first, {drives[0]['drive']}:" if drives else ""
+    lines = [f"{runs} closed-loop runs{each} in {seconds:.1f} s; results in {folder}{first}"]
     for name, row in validation.summary["filters"].items():
         lines.append(
             f"{name}: rms error {row['simulated_rms_m']:.3f} m (predicted "

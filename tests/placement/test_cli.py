@@ -113,6 +113,20 @@ def test_validate_adds_its_files_and_solving_again_removes_them(
     assert not (out / "validation.csv").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
+def test_validate_says_of_which_drive_it_speaks(
+    run: Callable[..., Outcome], small: Path, tmp_path: Path
+) -> None:
+    two = '[objective]\ndrives = ["forward", "backward"]\n'
+    small.write_text(SMALL.replace("[objective]\n", two))
+    run("solve", small, "--out", tmp_path / "out", "--method", "greedy")
+    outcome = run("validate", tmp_path / "out", "--runs", 2)
+    assert outcome.code == 0
+    first = outcome.out.splitlines()[0]
+    assert first.startswith("2 closed-loop runs of each of 2 drives in ")
+    assert first.endswith("; of the first, forward:")
+
+
 BAD_INSTANCES = {
     "a piece of length 0": (SMALL.replace("length=60", "length=0"), "length"),
     "a budget of 0": (SMALL.replace("cameras = 3", "cameras = 0"), "budget.cameras"),
