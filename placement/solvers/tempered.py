@@ -5,12 +5,11 @@ optimum y, at once. The tempered chain (`placement.tempered.bound`) then bounds,
 background, what cameras between y and themselves can add; candidates and arcs that cannot beat the
 placement are left out, which lets the next share θ, then the diagram, whose gains are given all
 that came before (`placement.tempered.diagram`), then the second order bound more sharply; and the
-best paths, polished by swaps, better the placement. What remains is searched best first. Every
-stage has a valid bound while it runs, and `stats["bounds"]` tells what each has proven.
+best paths, polished by swaps, better the placement. What remains is searched best first.
 
-Cameras with persistent offsets go the same way. Their background is white, of cameras that stand in
-for them (`placement.tempered.background`), and the relaxation, which is dear and weak for them,
-has a tenth of the time unless it comes near.
+Cameras with persistent offsets have a white background, of cameras that stand in for them
+(`placement.tempered.background`), and a dear and weak relaxation: it has a tenth of the time unless
+it comes near. `stats["bounds"]` tells what each stage has proven.
 """
 
 from __future__ import annotations
@@ -37,6 +36,7 @@ from placement.tempered.diagram import Diagram
 from placement.tempered.dominance import undominated
 from placement.tempered.paths import OutOfTimeError
 from placement.tempered.search import search
+from placement.tempered.shares import better_share
 
 # Shares tried on a thinned line, to choose that of the first pass over all candidates.
 SHARES = (1.0, 0.95, 0.9, 0.8, 0.7, 0.6, 0.5, 0.35)
@@ -49,10 +49,9 @@ NARROW, WIDE = 4, 48  # labels a camera
 GAIN_S = 1.5e-6  # seconds for each
 KICK_SHARE = 0.05  # of the time left, for rearranging the first placement
 PATH_SHARE = 0.03  # and for polishing a path
+SHARE_SEARCH = 0.3  # of the time left, for shares that bound the whole line better
 WORTH_IT = 0.8  # go on while a pass leaves fewer than this share of the arcs
-# with persistent errors: shares, and multiples of the background
-PERSISTENT_SHARES = (1.0, 0.98, 0.95, 0.9, 0.8, 0.6, 0.4)
-SCALES = (1.0, 0.3)
+PERSISTENT_SHARES = (1.0, 0.98, 0.95, 0.9, 0.8, 0.6, 0.4)  # with persistent errors
 RELAXED_SHARE = 0.1  # of the time left, for the relaxation of persistent errors
 LONGER_SHARE = 0.6  # the same once it bounds within PROMISING of the score
 PROMISING = 0.02
@@ -97,8 +96,6 @@ class Proof:
     stats: dict[str, Any] = field(default_factory=dict)
     inner: Run = field(init=False)
     background: list[FloatArray] = field(init=False)
-    scales: tuple[float, ...] = (1.0,)
-    scale: float = 1.0
 
     def work(self) -> bool:
         """Go through the stages; return whether there is nothing left that time could improve."""
@@ -166,7 +163,6 @@ class Proof:
             return None
         white, y = stand_in(self.objective), found.x
         if white is not self.objective:
-            self.scales = SCALES
             y = best_fraction(white, choice, self.inner, tolerance=1e-3).x
         self.background = background_of(white, y)
         return make_line(self.objective, constraints, left)
@@ -192,19 +188,48 @@ class Proof:
                 break
             before = int(line.alive.sum())
             started = time.monotonic()
-            bound = self._tempered(line, share)
-            self._bounded(f"tempered chain, first order, share {share:g}", bound.bound())
-            self._try_path(bound.path())
+            bound = self._chain(line, share)
             if self._closed():
                 return line
             line = bound.survivors(self.score)
-            self._left(line)
-            if line.alive.sum() > WORTH_IT * before or time.monotonic() - started < 1.0:
+            if time.monotonic() - started < 1.0:
+                break
+            if line.alive.sum() > WORTH_IT * before:
+                share, line = self._nearer_share(line, share, bound.bound())
                 break
             near = [s for s in (share - 0.05, share, share + 0.05, (1.0 + share) / 2) if s <= 1.0]
             share, _ = self._best_share(line, tuple(near))
+        self._left(line)
         self.stats["share"] = share
         return line
+
+    def _chain(self, line: Line, share: float) -> Tempered:
+        """Bound a line to first order, and try its best path."""
+        bound = self._tempered(line, share)
+        self._bounded(f"tempered chain, first order, share {share:g}", bound.bound())
+        self._try_path(bound.path())
+        return bound
+
+    def _nearer_share(self, line: Line, share: float, bound: float) -> tuple[float, Line]:
+        """Try shares on the whole line: what suits a thinned one is nearer to 1.
+
+        Return the best, and who is left after all that were tried.
+        """
+        until = time.monotonic() + SHARE_SEARCH * min(self.inner.remaining(), 1e3)
+        took = 0.0
+
+        def evaluate(other: float) -> float:
+            nonlocal line, took
+            started = time.monotonic()
+            chain = self._chain(line, other)
+            line = chain.survivors(self.score)
+            took = time.monotonic() - started
+            return chain.bound()
+
+        def may_go_on() -> bool:
+            return not self._closed() and time.monotonic() + took < until
+
+        return better_share(share, bound, evaluate, may_go_on), line
 
     def _diagrams(self, line: Line) -> Line:
         """Bound by gains given all that came before, and thin out the line."""
@@ -287,16 +312,12 @@ class Proof:
         step = max(1, -(-line.candidate.size // THINNED))
         keep = np.arange(line.candidate.size)
         thin = line.subset(keep[(keep % step == 0) | line.required])
-        took, best = np.inf, (np.inf, self.scale, shares[0])
-        for scale in self.scales:
-            for share in shares if len(shares) > 1 else ():
-                if share == 1.0 and scale != self.scales[0]:
-                    continue  # the same chain: it has no background
-                self.scale, started = scale, time.monotonic()
-                best = min(best, (self._tempered(thin, share).bound(), scale, share))
-                took = min(took, time.monotonic() - started)
-        self.scale = best[1]
-        return best[2], took / max(thin.candidate.size, 1) ** 2
+        took, best = np.inf, (np.inf, shares[0])
+        for share in shares if len(shares) > 1 else ():
+            started = time.monotonic()
+            best = min(best, (self._tempered(thin, share).bound(), share))
+            took = min(took, time.monotonic() - started)
+        return best[1], took / max(thin.candidate.size, 1) ** 2
 
     def _tempered(self, line: Line, share: float) -> Tempered:
         self.run.progress(
@@ -309,7 +330,7 @@ class Proof:
             line,
             min(budget, max(line.candidate.size, 1)),
             share,
-            [self.scale * base for base in self.background],
+            self.background,
             self.inner,
         )
 
