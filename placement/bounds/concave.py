@@ -61,20 +61,23 @@ def best_fraction(
     run: Run,
     *,
     beat: float = -np.inf,
-    start: IntArray | None = None,
+    start: IntArray | FloatArray | None = None,
     tolerance: float = 1e-6,
     report: Callable[[float], None] = lambda _bound: None,
 ) -> Fraction:
     """Maximise the concave extension over the placements of `choice`, to `tolerance` relative.
 
-    `start` is a placement to begin from. Candidates that no placement scoring more than `beat` can
-    hold are struck from the `choice` returned; the bound holds for all placements of the choice
-    given. `report` is told each better bound. Stops early when `run` is out of time, with whatever
-    it has: any x is certified.
+    `start` is a placement to begin from, or a fractional choice (c,) of floats. Candidates that no
+    placement scoring more than `beat` can hold are struck from the `choice` returned; the bound
+    holds for all placements of the choice given. `report` is told each better bound. Stops early
+    when `run` is out of time, with whatever it has: any x is certified.
     """
     c = len(choice.group)
-    x = np.zeros(c)
-    x[best_choice(choice, np.zeros(c))[0] if start is None else start] = 1.0
+    if start is not None and start.dtype.kind == "f":
+        x = np.array(start, dtype=np.float64)
+    else:
+        x = np.zeros(c)
+        x[best_choice(choice, np.zeros(c))[0] if start is None else start] = 1.0
     best_x, best_score, best, floor = x, -np.inf, np.inf, -np.inf
     for _ in range(ROUNDS):
         score, slope = objective.relaxed(x)

@@ -6,12 +6,14 @@
 
 Persistent offsets make every look at an objective dear, so there the search is over cameras whose
 offsets are known, and its placement is polished with them unknown; the relaxation begins likewise
-where that of known offsets ended. Bounds are lower bounds on the value; the greatest counts, and
-`stats["bound_from"]` names it.
+where that of known offsets ended. The diagram knows the offsets: it cannot prove more than what the
+best placement found comes to with offsets known, and where the relaxation has proven as much it is
+left out, and stretches of the placement are rearranged instead. Bounds are lower bounds on the
+value; the greatest counts, and `stats["bound_from"]` names it.
 
-A time limit is shared out: a quarter for the search, a tenth for the relaxation, the rest for the
-diagram. Without one the diagram stops at MOST_LABELS, and what persistent offsets make dear after
-DEAR_S seconds.
+A time limit is shared out: a quarter for the search, a tenth for the relaxation (half of what is
+left where offsets persist), the rest for the diagram. Without one the diagram stops at MOST_LABELS,
+and what persistent offsets make dear after DEAR_S or DEARER_S seconds.
 """
 
 from __future__ import annotations
@@ -22,24 +24,27 @@ from typing import Any, cast
 
 import numpy as np
 
+from models.geometry import FloatArray
 from placement.bounds.concave import best_fraction
 from placement.bounds.matroid import root_choice
-from placement.bounds.tangent import tangent_bound
 from placement.objectives.base import Relaxable
 from placement.objectives.trace import Trace
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
 from placement.solvers.diagram import Proof, publish, shortened
 from placement.solvers.exchange import polish
-from placement.solvers.search import solve_search
+from placement.solvers.nearby import number_places
+from placement.solvers.search import Kicks, solve_search
 
 MOST_LABELS = 20e6  # about 20 s
 DEAR_S = 10.0
+DEARER_S = 60.0  # for the relaxation where offsets persist
 SHORT_S = 20.0  # a time limit that compiling can eat
 FAINT = 1e-3  # of a camera: less is left out of a fractional choice, which stays a choice
 EVERYWHERE = "every camera at once"
 RELAXATION = "concave relaxation"
 TOLERANCE = 1e-3
+DEAR_TOLERANCE = 0.01
 
 
 def solve_trace_proof(problem: Problem, run: Run) -> Proposal:
@@ -87,9 +92,17 @@ class TraceProof:
         with shortened(run, 0.25 * total):
             self._search()
         with shortened(run, max(0.1 * total, min(2.0, 0.5 * total)) if limited else DEAR_S):
-            self._relax()
+            x = self._relax()
         if self.problem.constraints.budget == 0 or run.out_of_time():
             return not run.out_of_time()
+        if proof.persistent:
+            with shortened(run, max(0.5 * run.remaining(), 0.1) if limited else DEARER_S):
+                self._relax_truly(x)
+            if max(self.stats["bounds"].values()) >= proof.value:
+                self.stats["diagram"] = "left out: with offsets known it cannot prove more"
+                if limited:
+                    self._rearrange()
+                return not run.out_of_time()
         if total < SHORT_S and run.remaining() < 0.5 * total:
             # compiling ate it: the diagram's kernels, too, may have to be compiled, for longer
             self.stats["diagram"] = "no time"
@@ -116,24 +129,46 @@ class TraceProof:
                 polish(self.problem, run, state)
             proof.offer(state.selected)
 
-    def _relax(self) -> None:
-        """Bound by the concave relaxation."""
+    def _relax(self) -> FloatArray:
+        """Bound by the concave relaxation, offsets known; return its fractional choice (c,)."""
         proof, run = self.proof, self.run
-        choice = root_choice(self.problem.constraints)
         fraction = best_fraction(
             cast("Relaxable", proof.known.objective),
-            choice,
+            root_choice(self.problem.constraints),
             Run(run.rng, run.deadline, run.progress),
             start=np.array(proof.selected, dtype=np.int64),
             tolerance=TOLERANCE,
         )
         self._bounded(RELAXATION, -fraction.bound)
-        # one look, of some seconds, that nothing interrupts
-        if proof.persistent and not run.out_of_time() and self.total >= SHORT_S:
-            x = np.where(fraction.x > FAINT, fraction.x, 0.0)
-            objective = cast("Relaxable", self.problem.objective)
-            bound = tangent_bound(objective, self.problem.constraints, x)
+        return fraction.x
+
+    def _relax_truly(self, x: FloatArray) -> None:
+        """Bound by the concave relaxation with offsets unknown, from a fractional choice (c,)."""
+        run = self.run
+        if run.out_of_time() or self.total < SHORT_S:
+            return  # one look takes some seconds, and nothing interrupts it
+
+        def report(bound: float) -> None:
             self._bounded(RELAXATION, -bound)
+            gap = 1.0 + bound / self.proof.true_value
+            run.progress(f"concave relaxation, gap {100.0 * gap:.3g} %", None)
+
+        best_fraction(
+            cast("Relaxable", self.problem.objective),
+            root_choice(self.problem.constraints),
+            Run(run.rng, run.deadline, run.progress),
+            start=np.where(x > FAINT, x, 0.0),
+            tolerance=DEAR_TOLERANCE,
+            report=report,
+        )
+
+    def _rearrange(self) -> None:
+        """Rearrange stretches of the placement, offsets unknown, in the time that is left."""
+        place = number_places(self.problem)
+        if place is not None and self.proof.incumbent:
+            state = self.problem.objective.state(np.array(self.proof.incumbent, dtype=np.int64))
+            Kicks(self.problem, self.run, state, place).work()
+            self.proof.offer(state.selected)
 
     def _bounded(self, source: str, bound: float) -> None:
         """Keep a lower bound on the value, if it is the best so far."""

@@ -81,3 +81,14 @@ def test_striking_out_everyone_leaves_the_value_to_beat() -> None:
     found = best_fraction(objective, root_choice(constraints), new_run(), beat=1e6)
     assert not found.choice.allowed.any() or found.bound >= 1e6
     assert found.bound <= 1e6 * (1.0 + 1e-8)
+
+
+def test_a_fraction_is_a_start_like_any_other() -> None:
+    for seed in range(10):
+        objective, constraints = draw(seed, n=25)
+        choice = root_choice(constraints)
+        whole = best_fraction(objective, choice, new_run())
+        rough = best_fraction(objective, choice, new_run(), tolerance=0.3)
+        again = best_fraction(objective, choice, new_run(), start=rough.x)
+        assert again.score >= rough.score - 1e-9 * abs(rough.score)
+        assert again.bound == pytest.approx(whole.bound, rel=1e-5)
