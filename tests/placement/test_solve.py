@@ -188,7 +188,7 @@ def test_bad_arguments_are_refused_by_name(problem: Problem) -> None:
 def test_progress_is_told(problem: Problem) -> None:
     lines: list[str] = []
     solve(problem, "greedy", progress=lambda text, _share: lines.append(text))
-    assert lines == ["2 cameras"]
+    assert lines == ["greedy: 2 of 2"]
 
 
 def test_the_verb_imports_no_method_before_it_is_asked() -> None:

@@ -47,19 +47,15 @@ def check_tails(seeds: range, failures: int, offsets: int) -> None:
     assert tight >= 0.3 * len(seeds)
 
 
-@pytest.mark.parametrize("failures", [0, 1])
-def test_what_tails_need_every_placement_needs(failures: int) -> None:
-    check_tails(range(24), failures, 0)
-
-
-def test_tails_hold_where_errors_persist() -> None:
-    check_tails(range(10), 1, 2)
+def test_what_tails_need_every_placement_needs() -> None:
+    check_tails(range(24), 1, 0)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("offsets", [0, 2])
 @pytest.mark.parametrize("failures", [0, 1])
 def test_what_tails_need_on_thousands_of_roads(failures: int, offsets: int) -> None:
+    # without a failure, and with offsets, kernels take half a minute to compile: here only
     check_tails(range(1000, 2500 if not offsets else 1500), failures, offsets)
 
 
