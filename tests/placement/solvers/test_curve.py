@@ -116,6 +116,7 @@ def test_counts_alone_bound_every_budget(monkeypatch: pytest.MonkeyPatch) -> Non
     assert found[1] >= 40
 
 
+@pytest.mark.slow
 def test_all_means_together_leave_little() -> None:
     tight = sum(check(1000 + seed, 1, PRICED)[1] for seed in range(40))
     assert tight >= 90  # of 120
