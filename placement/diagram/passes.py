@@ -13,7 +13,7 @@ from placement.diagram.arrays import Rules, empty_table
 from placement.diagram.layout import lay_moves, road_above, views_of
 from placement.diagram.moves import floor_information
 from placement.diagram.single import sweep_once
-from placement.diagram.togo import hopes, least_by_cut, merged_table
+from placement.diagram.togo import least_by_cut, merged_table
 from placement.objectives.navigation import WhiteDrive
 
 ROUNDING = 1e-8  # relative; what bounds give up for rounding along the sweep
@@ -110,7 +110,7 @@ class Diagram:
             OutOfTime: before the bound is known; nothing is changed then.
         """
         start = time.monotonic()
-        k, t = self.budget, self.drive.n_samples
+        k = self.budget
         several = isinstance(threshold, np.ndarray)
         thresholds = np.full(k + 1, -np.inf)
         if several:
@@ -134,16 +134,14 @@ class Diagram:
             0.0,
         )
         starts = -thresholds[asked] if several and not probing else np.zeros(asked.size)
-        hope = np.zeros((t + 1, k + 2))
-        hopes(self.road, self.views.span, 0.0, table, self.cuts, hope)
         roots_at = [(int(k - b), float(cost)) for b, cost in zip(asked, starts, strict=True)]
         swept = sweep_once(
             self.drive.p0,
             self.road,
             self.views,
             rules,
-            hope,
             table,
+            self.cuts,
             k,
             roots_at,
             out_of_time,

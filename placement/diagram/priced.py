@@ -24,7 +24,7 @@ from placement.diagram.layout import lay_moves, road_above, views_of
 from placement.diagram.moves import floor_information
 from placement.diagram.passes import COARSE, EPSILON, ROUNDING
 from placement.diagram.single import sweep_once
-from placement.diagram.togo import hopes, least_by_cut, merged_table
+from placement.diagram.togo import least_by_cut, merged_table
 from placement.objectives.navigation import WhiteDrive
 
 
@@ -100,20 +100,17 @@ class PricedDiagram:
         Raises:
             OutOfTime: before the bound is known; nothing is changed then.
         """
-        t, k = self.drive.n_samples, self.counts
         self.threshold = min(self.threshold, threshold)
         limit = np.inf if probing else self.threshold
         rules = Rules(limit, width, epsilon, 0.0, COARSE, coarse_width, slots, probing, self.price)
-        hope = np.zeros((t + 1, k + 2))
-        hopes(self.road, self.views.span, self.price, self.table, self.cuts, hope)
         swept = sweep_once(
             self.drive.p0,
             self.road,
             self.views,
             rules,
-            hope,
             self.table,
-            k,
+            self.cuts,
+            self.counts,
             [(0, 0.0)],
             out_of_time,
             progress,

@@ -23,7 +23,7 @@ from placement.diagram.arrays import (
 )
 from placement.diagram.moves import Moves
 from placement.diagram.sweep import forward
-from placement.diagram.togo import backward
+from placement.diagram.togo import backward, hopes
 
 CHUNK = 4  # samples swept between looks at the clock
 MOST_NODES, MOST_ARCS, MOST_WAITING = 24_000_000, 80_000_000, 1_000_000
@@ -61,8 +61,8 @@ def sweep_once(
     road: Road,
     views: Views,
     rules: Rules,
-    hope: FloatArray,
     table: Table,
+    cuts: FloatArray,
     most: int,
     roots: list[tuple[int, float]],
     out_of_time: Callable[[], bool],
@@ -70,6 +70,7 @@ def sweep_once(
 ) -> Swept | None:
     """Sweep from `roots` (their counts, increasing, and costs) with counts up to `most`.
 
+    `table` and `cuts` (t + 1, most + 1) are what earlier sweeps have taught.
     Return None if storage ran out.
 
     Raises:
@@ -79,6 +80,8 @@ def sweep_once(
     storage = new_storage(t, most, views, rules.slots, MOST_NODES, MOST_ARCS, MOST_WAITING)
     for count, cost in roots:
         add_root(storage.pool, storage.counter, count, cost, p0)
+    hope = np.zeros((t + 1, most + 2))
+    hopes(road, views.span, rules.price, table, cuts, hope)
     bin_epsilon = np.zeros(most + 1)
     found: IntArray = np.empty(0, dtype=np.int64)
     for begin in range(0, t, CHUNK):
