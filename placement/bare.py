@@ -18,7 +18,7 @@ from placement.atomic import Content, prepared_folder, write_files
 from placement.experiments import read_table
 from placement.information_problem import InformationProblem, read_problem
 from placement.interrupts import stop_on_request
-from placement.output import record_of, solution_lines, to_csv, to_json
+from placement.output import left_behind, record_of, solution_lines, to_csv, to_json
 from placement.problem import Problem
 from placement.solution import Solution, Status
 from placement.watch import watch
@@ -81,8 +81,7 @@ def solve_bare_into(
             }
             if solution.status.has_placement:
                 files["placements.csv"] = to_csv(candidates_table(bare, solution))
-            older = stale if (out / "solution.json").exists() else ()
-            write_files(out, files, remove=[name for name in older if name not in files])
+            write_files(out, files, remove=left_behind(out, stale, files))
     if not quiet:
         chosen = f"{len(solution.selected)} of {problem.constraints.n} candidates"
         for line in solution_lines(solution, chosen, out, digits=9):

@@ -266,17 +266,10 @@ def _write_solution(
 
     The figures take seconds: a placement that took an hour is safe before the first is drawn.
     """
-    from placement.output import solution_files
+    from placement.output import left_behind, solution_files
 
     files = {**more, **solution_files(scene, solution, prediction)}
-    write_files(folder, files, remove=left_behind(folder, files))
-
-
-def left_behind(folder: Path, files: Mapping[str, Content]) -> list[str]:
-    """List what an older solution left in `folder` beside the new `files`: nothing of strangers."""
-    if not (folder / "solution.json").exists():
-        return []
-    return [name for name in LEFT_BEHIND if name not in files]
+    write_files(folder, files, remove=left_behind(folder, LEFT_BEHIND, files))
 
 
 def _write_figures(folder: Path, result: Result) -> None:

@@ -243,6 +243,16 @@ def placements_by_budget(
     return curve if whole and ends else {}
 
 
+def left_behind(folder: Path, names: Sequence[str], files: Mapping[str, Content]) -> list[str]:
+    """List those of `names` that an older solution left in `folder`, but the new `files`.
+
+    Where there is no solution, files of these names are a stranger's: none is listed.
+    """
+    if not (folder / "solution.json").exists():
+        return []
+    return [name for name in names if name not in files]
+
+
 def read_folder(folder: Path, *, check_hash: bool = True) -> Stored:
     """Read back what `solve` wrote into `folder`, and check that its files still mean the same.
 
