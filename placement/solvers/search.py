@@ -67,6 +67,13 @@ def solve_search(problem: Problem, run: Run) -> Proposal:
     )
 
 
+def rearrange(problem: Problem, run: Run, state: State) -> None:
+    """Kick `state` until it stays or time is up, where candidates have places along a road."""
+    place = number_places(problem)
+    if place is not None:
+        Kicks(problem, run, state, place).work()
+
+
 def _uniform_start(problem: Problem, run: Run) -> State:
     """Return the uniform placement as a state."""
     proposal = solve_uniform(problem, Run(run.rng, run.deadline, run.progress))

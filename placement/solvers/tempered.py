@@ -28,8 +28,7 @@ from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
 from placement.solvers.exchange import polish
 from placement.solvers.greedy import best_addition, climb
-from placement.solvers.nearby import number_places
-from placement.solvers.search import Kicks
+from placement.solvers.search import rearrange
 from placement.tempered.background import background_of, stand_in
 from placement.tempered.bound import Line, SecondOrder, Tempered, make_line
 from placement.tempered.diagram import Diagram
@@ -125,9 +124,7 @@ class Proof:
 
     def _rearrange(self, state: State, share: float) -> None:
         """Move cameras of one stretch together, for a share of the time (see `solvers.search`)."""
-        place = number_places(self.problem)
-        if place is not None:
-            Kicks(self.problem, self._for_a_share(share), state, place).work()
+        rearrange(self.problem, self._for_a_share(share), state)
 
     def _for_a_share(self, share: float) -> Run:
         """Return a run of its own for a share of the time left."""

@@ -33,8 +33,7 @@ from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
 from placement.solvers.diagram import Proof, publish, shortened
 from placement.solvers.exchange import polish
-from placement.solvers.nearby import number_places
-from placement.solvers.search import Kicks, solve_search
+from placement.solvers.search import rearrange, solve_search
 
 MOST_LABELS = 20e6  # about 20 s
 DEAR_S = 10.0
@@ -164,11 +163,9 @@ class TraceProof:
 
     def _rearrange(self) -> None:
         """Rearrange stretches of the placement, offsets unknown, in the time that is left."""
-        place = number_places(self.problem)
-        if place is not None and self.proof.incumbent:
-            state = self.problem.objective.state(np.array(self.proof.incumbent, dtype=np.int64))
-            Kicks(self.problem, self.run, state, place).work()
-            self.proof.offer(state.selected)
+        state = self.problem.objective.state(np.array(self.proof.incumbent, dtype=np.int64))
+        rearrange(self.problem, self.run, state)
+        self.proof.offer(state.selected)
 
     def _bounded(self, source: str, bound: float) -> None:
         """Keep a lower bound on the value, if it is the best so far."""
