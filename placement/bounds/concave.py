@@ -5,7 +5,9 @@
 Few poses carry weight at the optimum (some 130 of 10,440), so the problem is solved over a growing
 handful. There each Newton step maximises the quadratic model over the polytope by exchanges: a
 matroid's polytope has edges e_i − e_j and e_i only, so exchanging weight between two poses
-reaches its optimum (Edmonds 1970). A line search on f itself follows.
+reaches its optimum (Edmonds 1970). A line search on f itself follows. Where a Hessian by
+differences would take too long, the objective is asked for one that is nearly right; failing that,
+it is learnt on the way.
 
 No step is believed. Every x carries its own certificate, over all candidates and exactly,
 
@@ -30,7 +32,7 @@ from models.geometry import FloatArray, IntArray
 from placement.bounds.matroid import Choice, best_choice, restricted_choice, without
 from placement.bounds.restrict import narrowed
 from placement.bounds.tangent import GAIN_ERROR, sum_up
-from placement.objectives.base import Relaxable
+from placement.objectives.base import Curved, Relaxable
 from placement.problem import Run
 
 NEWTON_STEPS = 25
@@ -127,8 +129,11 @@ def _newton(
     """Climb from `x` over few candidates until the tangent bound is within `tolerance`."""
     started = time.monotonic()
     score, slope = objective.relaxed(x)
-    # where gradients are dear (persistent offsets: half a second), learn the curvature on the way
-    secant = (time.monotonic() - started) * x.size > DEAR_S
+    # where gradients are dear (persistent offsets: half a second), ask the objective how they
+    # change, or learn it on the way
+    dear = (time.monotonic() - started) * x.size > DEAR_S
+    told = objective.curvature(x) if dear and isinstance(objective, Curved) else None
+    secant = dear and told is None
     # along one axis log det(I + x M) has slope tr M and curvature −tr M², at most the square
     curvature: FloatArray | None = -0.5 * np.diag(slope**2)
     moved, stiffer = False, 0
@@ -136,7 +141,9 @@ def _newton(
         gap = float(slope[best_choice(choice, slope)[0]].sum() - slope @ x)
         if gap <= tolerance * abs(score) or run.out_of_time():
             break
-        if not secant:
+        if told is not None and isinstance(objective, Curved):
+            curvature = objective.curvature(x) if moved else told
+        elif not secant:
             curvature = _hessian(objective, x, slope, run)
         if curvature is None:
             break

@@ -80,3 +80,14 @@ class Relaxable(Protocol):
         Concavity makes score(x) + gradient·(y − x) an upper bound on the score at every y:
         the certificate of `placement.bounds`.
         """
+
+
+@runtime_checkable
+class Curved(Protocol):
+    """A relaxable objective that knows how its gradient changes, at least nearly."""
+
+    def curvature(self, x: FloatArray) -> FloatArray | None:
+        """Return the second derivatives (c, c) at `x` (c,), near enough for Newton's steps.
+
+        None where it cannot tell. It is asked of few candidates (`placement.bounds.restrict`).
+        """

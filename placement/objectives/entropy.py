@@ -42,6 +42,18 @@ class Entropy(NavigationObjective):
     def _part(self, drive: Drive) -> DrivePart:
         return OffsetEntropy(drive) if drive.persistent else WhiteEntropy(drive)
 
+    def curvature(self, x: FloatArray) -> FloatArray | None:
+        """Return the second derivatives (c, c), nearly; None unless all drives have offsets."""
+        total = np.zeros((x.size, x.size))
+        for weight, part in self._parts:
+            if not isinstance(part, OffsetEntropy):
+                return None
+            found = part.curvature(x)
+            if found is None:
+                return None
+            total += weight * found
+        return total
+
 
 class WhiteEntropy:
     """One drive's entropy where every frame is independent."""

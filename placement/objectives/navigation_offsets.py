@@ -8,6 +8,7 @@ from models.geometry import FloatArray, IntArray
 from placement.objectives.navigation_chain import Drive
 from placement.objectives.windows.final import half_inverse, negative_entropy, require_finite
 from placement.objectives.windows.offset_adjoint import offset_adjoint
+from placement.objectives.windows.offset_curvature import OffsetCurvature
 from placement.objectives.windows.offset_gains import (
     offset_entropy_gains,
     offset_final,
@@ -114,6 +115,7 @@ class OffsetEntropy:
     def __init__(self, drive: Drive) -> None:
         """Lay the drive out."""
         self.drive = OffsetDrive(drive)
+        self._curvature: OffsetCurvature | None = None
 
     def score(self, selected: IntArray) -> float:
         """Return the log det ratio of a placement, in nats."""
@@ -128,6 +130,12 @@ class OffsetEntropy:
         f = Forward(self.drive, support(x), x)
         forget = f.forget()
         return f.log_det, f.slopes(-forget, 1.0, 0.0, 0.0)
+
+    def curvature(self, x: FloatArray) -> FloatArray | None:
+        """Return the second derivatives (c, c) at `x` (c,), nearly (`OffsetCurvature`)."""
+        if self._curvature is None:
+            self._curvature = OffsetCurvature(self.drive.drive)
+        return self._curvature.at(x) if self._curvature.tells else None
 
 
 class OffsetTrace:

@@ -76,6 +76,16 @@ def test_learning_the_curvature_on_the_way_ends_at_the_same_bound(
     assert learnt.bound == pytest.approx(exact.bound, rel=1e-4)
 
 
+@pytest.mark.parametrize("seed", [4, 6, 8, 10])
+def test_curvature_that_is_told_ends_at_the_optimum(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    objective, constraints = draw(seed, n=25, offsets=3)
+    monkeypatch.setattr(concave, "DEAR_S", 0.0)
+    found = best_fraction(objective, root_choice(constraints), new_run(), tolerance=1e-7)
+    assert found.bound - found.score <= 2e-7 * abs(found.score)
+
+
 def test_striking_out_everyone_leaves_the_value_to_beat() -> None:
     objective, constraints = draw(6)
     found = best_fraction(objective, root_choice(constraints), new_run(), beat=1e6)
