@@ -6,6 +6,7 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -35,6 +36,8 @@ FIRST = (
     "placement",
     "benchmarks",
 )
+# Files of a folder that need the same kernels: one worker compiles them, not both at once.
+TOGETHER = ("placement/fewest/",)
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -42,9 +45,24 @@ def pytest_configure(config: pytest.Config) -> None:
     config.option.loadscopereorder = False
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Hand out tests by files, as `--dist loadfile` does, but by folders where `TOGETHER` says."""
+    if config.getvalue("dist") != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    class ByFile(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            scope: str = super()._split_scope(nodeid)
+            return next((folder for folder in TOGETHER if folder in scope), scope)
+
+    return ByFile(config, log)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put what `FIRST` names first."""
-    assert all((TESTS / name).exists() for name in FIRST)
+    assert all((TESTS / name).exists() for name in (*FIRST, *TOGETHER))
 
     def rank(item: pytest.Item) -> int:
         path = item.path.relative_to(TESTS).as_posix()

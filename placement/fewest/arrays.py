@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.geometry import BoolArray, FloatArray, IntArray
 
+# Of kernels that allocate nothing and return no array: with references counted, each would count
+# them for the forty arrays of a store at every call, which takes most of the time to compile it.
+LEAN: dict[str, Any] = {"cache": True, "_nrt": False, "no_cfunc_wrapper": True}
+COUNTED: dict[str, Any] = {"cache": True, "_nrt": True}  # one that allocates, called by a lean one
+# What kernels hand to each other is of 64 bits: they would be compiled again for a plain 0 alone.
+ZERO = np.int64(0)
+NO_CAMERA = np.int64(-1)
+
 DEPTH = 3  # cameras in view at once that are told apart
 COUNTS = 3  # sizes of crowds that are told apart, from DEPTH + 1
 MOST_CROWDS = 1_000_000  # labels, one sample
 PROVING, PROBING, FINDING = range(3)  # what a sweep is for
-WAITED = -2  # in place of a camera: none was in view
+WAITED = np.int64(-2)  # in place of a camera: none was in view
 END = 0  # the node of every drive that is over
 NODES, ARCS, POOL, FREE, FULL, BLIND = range(6)
 N_COUNTERS = 6

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from placement.fewest.arrays import COUNTED, LEAN
 from placement.objectives.windows.filter import predict, update
 from placement.objectives.windows.offsets import (
     condition,
@@ -24,27 +25,27 @@ def worth(p):  # type: ignore[no-untyped-def]
     return p[3] + 2.0 * AHEAD * p[4] + AHEAD * AHEAD * p[5]
 
 
-@njit(cache=True)
+@njit(**LEAN)
 def move(p, step):  # type: ignore[no-untyped-def]
     """Return P one step on; compiled once, where `predict` would be at every use."""
     return predict(p, step)
 
 
-@njit(cache=True)
+@njit(**LEAN)
 def one_step(p, base, j0, j1, j2):  # type: ignore[no-untyped-def]
     """Return P after one sample's measurements."""
     q0, q1, q2, q3, q4, q5, _ = update(p, base[0] + j0, base[1] + j1, base[2] + j2)
     return (q0, q1, q2, q3, q4, q5)
 
 
-@njit(cache=True)
+@njit(**LEAN)
 def end_of(course, name):  # type: ignore[no-untyped-def]
     """Return the sample after the last of a camera, or of a second copy of it."""
     v = name % course.units.size
     return course.first[v] + course.ptr[v + 1] - course.ptr[v]
 
 
-@njit(cache=True)
+@njit(**LEAN)
 def shares_mount(course, name, names, n):  # type: ignore[no-untyped-def]
     """Return whether a camera and one of n others, as they are, exclude each other."""
     for a in range(n):
@@ -56,7 +57,7 @@ def shares_mount(course, name, names, n):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(cache=True)
+@njit(**LEAN)
 def told(course, name, t):  # type: ignore[no-untyped-def]
     """Return what a camera in view at t tells, or a second copy of it."""
     v = name % course.units.size
@@ -66,7 +67,7 @@ def told(course, name, t):  # type: ignore[no-untyped-def]
     return course.second[e, 0], course.second[e, 1], course.second[e, 2]
 
 
-@njit(cache=True)
+@njit(**LEAN)
 def learn(m, n, j0, j1, j2, u, v):  # type: ignore[no-untyped-def]
     """Learn J about the position in a state (n, n) that carries offsets."""
     for i in range(n):
@@ -76,7 +77,7 @@ def learn(m, n, j0, j1, j2, u, v):  # type: ignore[no-untyped-def]
     condition(m, n, a00, a01, a11, u, v)
 
 
-@njit(cache=True)
+@njit(**COUNTED)
 def alone_unsure(course, v, t, p):  # type: ignore[no-untyped-def]
     """Take camera v, its offsets unknown, from its first sample t to its last: (alive, P)."""
     offsets = course.offsets
@@ -100,7 +101,7 @@ def alone_unsure(course, v, t, p):  # type: ignore[no-untyped-def]
     return True, (m[0, 0], m[0, 1], m[0, 2], m[1, 1], m[1, 2], m[2, 2])
 
 
-@njit(cache=True)
+@njit(**LEAN)
 def alone(course, v, t, p, past):  # type: ignore[no-untyped-def]
     """Take camera v from its first sample t to its last; return (alive, P, past) after that."""
     t_end, limit = course.steps.shape[0], course.limit

@@ -9,12 +9,13 @@ cameras than are counted, a label goes blind: it knows all that any camera could
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
 from placement.diagram.order import block_join
-from placement.fewest.arrays import DEPTH, MOST_UNITS
+from placement.fewest.arrays import DEPTH, LEAN, MOST_UNITS, NO_CAMERA, ZERO
 from placement.fewest.crossing import move, one_step, worth
-from placement.fewest.graph import deposit, go_blind, new_node, no_room, record
+from placement.fewest.graph import NO_SAMPLE, deposit, go_blind, new_node, no_room, record
 from placement.fewest.merging import lower
 from placement.objectives.windows.filter import row6
 
@@ -32,7 +33,7 @@ def join_of_all(at, ptr, blocks, out):  # type: ignore[no-untyped-def]
                 o[0], o[1], o[2] = block_join(o[0], o[1], o[2], b[0], b[1], b[2])
 
 
-@njit(cache=True)
+@njit(**LEAN)
 def worst_dark(p, n):  # type: ignore[no-untyped-def]
     """Return which of the n failures p[2:] of a set looks worst: a crowd keeps that one."""
     worst = 2
@@ -42,7 +43,7 @@ def worst_dark(p, n):  # type: ignore[no-untyped-def]
     return worst
 
 
-@njit(cache=True)
+@njit(**LEAN)
 def join_crowd(store, side, parent, units, m, count, length, p, past, dark, mm, vv):  # type: ignore[no-untyped-def]
     """Let `count` cameras be a crowd for `length` samples more."""
     n = max(count, LEAST) - LEAST
@@ -53,7 +54,7 @@ def join_crowd(store, side, parent, units, m, count, length, p, past, dark, mm, 
     kept = store.crowd_p[side, m, n, length]
     if node < 0:
         zero = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        node = new_node(store, -1, zero, zero)
+        node = new_node(store, NO_SAMPLE, zero, zero)
         store.crowd_node[side, m, n, length] = node
         for x in range(6):
             kept[0, x], kept[1, x], kept[2, x] = p[x], past[x], dark[x]
@@ -63,16 +64,16 @@ def join_crowd(store, side, parent, units, m, count, length, p, past, dark, mm, 
         low2 = lower(row6(kept, 2), dark, mm, vv)
         for x in range(6):
             kept[0, x], kept[1, x], kept[2, x] = low[x], low1[x], low2[x]
-    record(store, parent, node, units, -1)
+    record(store, parent, node, units, NO_CAMERA)
 
 
-@njit(cache=True)
+@njit(**LEAN)
 def more_in_view(course, known, store, t, k, node, m, count, length, p, past, dark, mm, vv):  # type: ignore[no-untyped-def]
     """Let a label become a larger crowd by the cameras that start at t.
 
     One stands for all that can be paid for: as cheap as the cheapest, as long in view as the last.
     """
-    cheapest, longest = MOST_UNITS, 0
+    cheapest, longest = np.int64(MOST_UNITS), ZERO
     for w in range(course.at[t], course.at[t + 1]):
         units = course.units[w]
         longer = max(length, course.ptr[w + 1] - course.ptr[w])
@@ -86,7 +87,7 @@ def more_in_view(course, known, store, t, k, node, m, count, length, p, past, da
                    mm, vv)  # fmt: skip
 
 
-@njit(cache=True)
+@njit(**LEAN)
 def crowds_on(course, known, store, t, k, mm, vv):  # type: ignore[no-untyped-def]
     """Take every crowd of sample t to the next; return False where storage runs out."""
     now, then, t_end = t % 2, 1 - t % 2, course.steps.shape[0]
@@ -123,7 +124,36 @@ def crowds_on(course, known, store, t, k, mm, vv):  # type: ignore[no-untyped-de
                 if length == 1 or t + 1 == t_end:
                     if worth(dark) > worth(past):
                         past = dark
-                    deposit(course, known, store, k, node, 0, -1, m, t + 1, p, past)
+                    deposit(course, known, store, k, node, ZERO, NO_CAMERA, m, t + 1, p, past)
                 else:
-                    join_crowd(store, then, node, 0, m, count, length - 1, p, past, dark, mm, vv)
+                    join_crowd(store, then, node, ZERO, m, count, length - 1, p, past, dark, mm, vv)
+    return True
+
+
+@njit(**LEAN)
+def blind_on(course, known, store, t, k):  # type: ignore[no-untyped-def]
+    """Take every blind label of sample t to the next; return False where storage runs out."""
+    now, then, t_end = t % 2, 1 - t % 2, course.steps.shape[0]
+    span = store.blind_node.shape[2] - 2
+    cameras = course.at[t + 1] - course.at[t]
+    for m in range(k + 1):
+        for length in range(1, span + 1):
+            node = store.blind_node[now, m, length]
+            if node < 0:
+                continue
+            if no_room(store, cameras + 64):
+                return False
+            for w in range(course.at[t], course.at[t + 1]):
+                units = course.units[w]
+                longer = max(length, course.ptr[w + 1] - course.ptr[w])
+                togo = known.hope[t + longer]
+                if m + units + togo > k:
+                    store.node_need[node] = min(store.node_need[node], units + togo)
+                elif longer > length:
+                    go_blind(store, now, node, units, m + units, longer)
+            if length == 1 or t + 1 == t_end:
+                q = row6(course.floor, min(t + 1, t_end - 1))
+                deposit(course, known, store, k, node, ZERO, NO_CAMERA, m, t + 1, q, q)
+            else:
+                go_blind(store, then, node, ZERO, m, length - 1)
     return True

@@ -2,11 +2,26 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
 from placement.diagram.order import below
-from placement.fewest.arrays import ARCS, BLIND, END, FREE, FULL, MOST_UNITS, NODES, POOL, WAITED
+from placement.fewest.arrays import (
+    ARCS,
+    BLIND,
+    END,
+    FREE,
+    FULL,
+    LEAN,
+    MOST_UNITS,
+    NO_CAMERA,
+    NODES,
+    POOL,
+    WAITED,
+)
 from placement.objectives.windows.filter import row6
+
+NO_SAMPLE = np.int64(-1)
 
 
 @njit(cache=True, inline="always")
@@ -17,7 +32,7 @@ def settle(course, t, units):  # type: ignore[no-untyped-def]
     return units
 
 
-@njit(cache=True)
+@njit(**LEAN)
 def needed(known, t, p, past, failures):  # type: ignore[no-untyped-def]
     """Return the units that every placement with covariances above these still needs."""
     best = known.floor[t]
@@ -34,7 +49,7 @@ def needed(known, t, p, past, failures):  # type: ignore[no-untyped-def]
     return best
 
 
-@njit(cache=True)
+@njit(**LEAN)
 def no_room(store, nodes):  # type: ignore[no-untyped-def]
     """Return whether the storage may run out within so many nodes and three arcs for each."""
     if (
@@ -46,7 +61,7 @@ def no_room(store, nodes):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(cache=True)
+@njit(**LEAN)
 def record(store, parent, child, units, camera):  # type: ignore[no-untyped-def]
     """Add an arc: what it costs, and which camera is taken by it, −1 for none."""
     a = store.counter[ARCS]
@@ -55,9 +70,9 @@ def record(store, parent, child, units, camera):  # type: ignore[no-untyped-def]
     store.counter[ARCS] += 1
 
 
-@njit(cache=True)
+@njit(**LEAN)
 def new_node(store, t, p, past):  # type: ignore[no-untyped-def]
-    """Add a node; t = −1 where it is no free label."""
+    """Add a node; t = NO_SAMPLE where it is no free label."""
     n = store.counter[NODES]
     store.node_need[n] = MOST_UNITS
     store.node_t[n] = t
@@ -69,14 +84,14 @@ def new_node(store, t, p, past):  # type: ignore[no-untyped-def]
     return n
 
 
-@njit(cache=True)
+@njit(**LEAN)
 def deposit(course, known, store, k, parent, units, camera, m, t, p, past):  # type: ignore[no-untyped-def]
     """Leave a free label of price m for sample t, unless it is known to be too dear.
 
     From the horizon on it is not followed: it needs at least what is known of it.
     """
     if t >= course.steps.shape[0]:
-        record(store, parent, END, units, camera)
+        record(store, parent, np.int64(END), units, camera)
         return
     m = settle(course, t, m)
     togo = needed(known, t, p, past, course.failures)
@@ -101,19 +116,19 @@ def deposit(course, known, store, k, parent, units, camera, m, t, p, past):  # t
     store.head[t, m] = x
 
 
-@njit(cache=True)
+@njit(**LEAN)
 def go_blind(store, parity, parent, units, m, length):  # type: ignore[no-untyped-def]
     """Let a label know everything for `length` samples more."""
     n = store.blind_node[parity, m, length]
     if n < 0:
         zero = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        n = new_node(store, -1, zero, zero)
+        n = new_node(store, NO_SAMPLE, zero, zero)
         store.blind_node[parity, m, length] = n
     store.counter[BLIND] += 1
-    record(store, parent, n, units, -1)
+    record(store, parent, n, units, NO_CAMERA)
 
 
-@njit(cache=True)
+@njit(**LEAN)
 def backward(course, store):  # type: ignore[no-untyped-def]
     """Complete node_need. Arcs into a label were recorded before those it left by afterwards."""
     for n in range(store.counter[ARCS] - 1, -1, -1):

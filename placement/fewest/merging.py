@@ -6,7 +6,15 @@ import numpy as np
 from numba import njit
 
 from placement.diagram.order import below, meet
-from placement.fewest.arrays import DEPTH, FINDING, KEY_BITS, PROBING
+from placement.fewest.arrays import (
+    DEPTH,
+    FINDING,
+    KEY_BITS,
+    LEAN,
+    NO_CAMERA,
+    PROBING,
+    ZERO,
+)
 from placement.fewest.crossing import worth
 from placement.fewest.graph import record
 from placement.objectives.windows.filter import row6
@@ -15,7 +23,7 @@ WAITING = 4  # labels that wait, for each that comes from a camera
 CLOSER = 0.02  # share of ε within which those that wait are merged
 
 
-@njit(cache=True)
+@njit(**LEAN)
 def lower(a, b, m, v):  # type: ignore[no-untyped-def]
     """Return a covariance below both, as a row; zeros where rounding leaves a doubt."""
     low = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -29,7 +37,7 @@ def lower(a, b, m, v):  # type: ignore[no-untyped-def]
     return meet(a, b, low, m, v)
 
 
-@njit(cache=True)
+@njit(**LEAN)
 def exceeded(p, past, rank, failures, free_p, free_rank, n):  # type: ignore[no-untyped-def]
     """Return which of n cheaper free labels knows more, −1 for none: what it needs, this needs."""
     for b in range(n):
@@ -123,7 +131,7 @@ def thin(  # type: ignore[no-untyped-def]
         epsilon *= 1.5
 
 
-@njit(cache=True)
+@njit(**LEAN)
 def put_set(store, side, slot_of, slots, m, n, ids, flag, node, p, mode, scratch_m, scratch_v):  # type: ignore[no-untyped-def]
     """Put a label of a set on the next sample's list, merged with those of the same set.
 
@@ -163,7 +171,9 @@ def put_set(store, side, slot_of, slots, m, n, ids, flag, node, p, mode, scratch
         store.set_node[side, s] = node
         for a in range(n):
             store.set_ids[side, s, a] = ids[a]
-        store.set_p[side, s] = p
+        for c in range(scenarios):
+            for x in range(6):
+                store.set_p[side, s, c, x] = p[c, x]
         store.set_next[s] = store.key_first[h]
         store.key_first[h] = s
         return True
@@ -171,7 +181,9 @@ def put_set(store, side, slot_of, slots, m, n, ids, flag, node, p, mode, scratch
         own = store.set_p[side, best]
         if rank < worth(own[0]) + (worth(own[1]) if scenarios > 1 else 0.0):
             store.set_node[side, best], store.set_flag[side, best] = node, flag
-            own[:] = p
+            for c in range(scenarios):
+                for x in range(6):
+                    own[c, x] = p[c, x]
         return True
     for c in range(scenarios):
         if c >= 2 + n:
@@ -179,5 +191,5 @@ def put_set(store, side, slot_of, slots, m, n, ids, flag, node, p, mode, scratch
         r = lower(row6(store.set_p[side, best], c), row6(p, c), scratch_m, scratch_v)
         for x in range(6):
             store.set_p[side, best, c, x] = r[x]
-    record(store, node, store.set_node[side, best], 0, -1)
+    record(store, node, store.set_node[side, best], ZERO, NO_CAMERA)
     return True

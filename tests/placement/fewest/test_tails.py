@@ -6,7 +6,7 @@ import pytest
 from placement.constraints import Constraints
 from placement.fewest.arrays import Effort
 from placement.fewest.tails import Pass, ask_tails
-from tests.placement.fewest.test_fewest import (
+from tests.placement.fewest.tiny_roads import (
     C,
     best_price,
     counting_of,
