@@ -20,7 +20,7 @@ from placement.information_problem import InformationProblem, read_problem
 from placement.interrupts import stop_on_request
 from placement.output import left_behind, record_of, solution_lines, to_csv, to_json
 from placement.problem import Problem
-from placement.solution import Solution, Status
+from placement.solution import Solution
 from placement.watch import watch
 
 PROBLEM_FILE = "problem.npz"
@@ -59,7 +59,7 @@ def solve_bare_into(
     seed: int = 0,
     quiet: bool = False,
     stale: tuple[str, ...] = (),
-) -> Status:
+) -> Solution:
     """Solve `source` and write the results to `out`; files of `stale` are removed there.
 
     Raises:
@@ -86,7 +86,7 @@ def solve_bare_into(
         chosen = f"{len(solution.selected)} of {problem.constraints.n} candidates"
         for line in solution_lines(solution, chosen, out, digits=9):
             sys.stdout.write(line + "\n")
-    return solution.status
+    return solution
 
 
 def candidates_table(bare: InformationProblem, solution: Solution) -> pd.DataFrame:

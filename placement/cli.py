@@ -11,11 +11,14 @@ from importlib.metadata import entry_points
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from placement.interrupts import held_back, interrupts_by_name
+
+if TYPE_CHECKING:
+    from placement.solution import Solution
 
 EXIT_BAD_INPUT = 2
 EXIT_UNSOLVED = 3
@@ -121,6 +124,14 @@ def _commands() -> ModuleType:
     return commands
 
 
+def _exit_unless_placed(solution: Solution) -> None:
+    """End with the exit code of what was not found; where time was up for it, say so."""
+    if solution.empty_handed:
+        _complain("stopped before the first camera was placed; nothing is placed")
+    if solution.empty_handed or not solution.status.has_placement:
+        raise typer.Exit(EXIT_UNSOLVED)
+
+
 def _complain(problem: str) -> None:
     line = " ".join(problem.split())
     shown = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in line)
@@ -149,7 +160,7 @@ def solve(
     """Choose cameras for INSTANCE and prove how good the choice is."""
     with interruptible(out):
         commands = _commands()
-        status = commands.solve_into(
+        solution = commands.solve_into(
             out,
             instance,
             method=method,
@@ -161,8 +172,7 @@ def solve(
             cluster=cluster,
             quiet=quiet,
         )
-    if not status.has_placement:
-        raise typer.Exit(EXIT_UNSOLVED)
+    _exit_unless_placed(solution)
 
 
 @app.command()
@@ -217,9 +227,8 @@ def demo(
     """Solve and validate the embedded circuit, end to end."""
     with interruptible(out):
         commands = _commands()
-        status = commands.solve_into(out, "circuit", time_limit_s=60.0, seed=seed, quiet=quiet)
-    if not status.has_placement:
-        raise typer.Exit(EXIT_UNSOLVED)
+        solution = commands.solve_into(out, "circuit", time_limit_s=60.0, seed=seed, quiet=quiet)
+    _exit_unless_placed(solution)
     with interruptible(out, "validation_summary.json", "the placement is there, no drive is"):
         commands.validate_in(out, runs=runs, seed=seed, plant="kinematic", quiet=quiet)
 

@@ -83,7 +83,7 @@ def solve_into(
     workers: int | None = None,
     cluster: str | None = None,
     quiet: bool = False,
-) -> Status:
+) -> Solution:
     """Solve the instance `source` (a TOML file or a shipped name) and write the results to `out`.
 
     A bare information problem (.npz, or a table of experiments) goes to `placement.bare`.
@@ -175,7 +175,7 @@ def solve_into(
         from placement.output import solution_lines
 
         _say(solution_lines(solution, f"{len(solution.selected)} cameras", out))
-    return solution.status
+    return solution
 
 
 def validate_in(

@@ -61,6 +61,11 @@ class Solution:
     stats: dict[str, Any]
 
     @property
+    def empty_handed(self) -> bool:
+        """Whether it was stopped before its first camera was placed."""
+        return self.status is Status.TIME_LIMIT and not self.selected
+
+    @property
     def gap(self) -> float | None:
         """Return |bound − value| / |value|; None without a bound, 0 where both are 0."""
         if self.bound is None or not np.isfinite(self.bound) or not np.isfinite(self.value):

@@ -84,7 +84,7 @@ def test_auto_cuts_a_city_into_regions_and_the_referee_finds_the_same(
     town: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = town.parent / "out"
-    status = solve_into(out, str(town), quiet=True)
+    status = solve_into(out, str(town), quiet=True).status
     assert status in (Status.FEASIBLE, Status.OPTIMAL)
     assert not (out / INFORMATION).exists()
     record = json.loads((out / "solution.json").read_text())
@@ -141,7 +141,7 @@ def test_ctrl_c_leaves_what_is_done_and_the_same_command_goes_on(
 
 def test_a_solve_that_ran_out_of_time_leaves_its_information(town: Path) -> None:
     out = town.parent / "out"
-    assert solve_into(out, str(town), time_limit_s=0.0, quiet=True) is Status.TIME_LIMIT
+    assert solve_into(out, str(town), time_limit_s=0.0, quiet=True).status is Status.TIME_LIMIT
     assert (out / INFORMATION).is_dir()
     solve_into(out, str(town), quiet=True)
     assert not (out / INFORMATION).exists()
@@ -189,7 +189,7 @@ def test_luxembourg_is_solved_and_verified_whole(
     path = tmp_path / "city.toml"
     path.write_text(source.read_text().replace("../../shared/data/lust", str(network.parent)))
     out = tmp_path / "out"
-    assert solve_into(out, str(path), quiet=True) is Status.FEASIBLE
+    assert solve_into(out, str(path), quiet=True).status is Status.FEASIBLE
     record = json.loads((out / "solution.json").read_text())
     assert record["candidates"] > 1_000_000
     assert len(record["selected"]) == 2000

@@ -267,6 +267,24 @@ def test_a_name_made_to_write_over_the_terminal_is_shown_as_what_it_is(
     assert r"\x1b[2Jroad\x00.csv" in outcome.err
 
 
+@pytest.mark.usefixtures("undrawn")
+def test_a_solve_that_ends_before_its_first_camera_fails_and_says_so(
+    run: Callable[..., Outcome], small: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    outcome = run("solve", small, "--out", out, "--method", "greedy", "--time-limit", 0, "-q")
+    assert outcome.code == 3
+    assert outcome.err == (
+        "placement: stopped before the first camera was placed; nothing is placed\n"
+    )
+    record = json.loads((out / "solution.json").read_text())
+    assert (record["status"], record["selected"]) == ("time_limit", [])
+    # one camera in no time is an answer
+    outcome = run("solve", small, "--out", out, "--method", "search", "--time-limit", 0, "-q")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert json.loads((out / "solution.json").read_text())["selected"]
+
+
 def test_an_interrupt_leaves_no_half_file(small: Path, tmp_path: Path) -> None:
     """Interrupt at three moments: each time there is a whole solution or none at all."""
     small.write_text(SMALL.replace("length=60", "length=2000").replace("= 3", "= 60"))

@@ -52,8 +52,8 @@ def test_solve_validate_and_verify_a_construct_end_to_end(tmp_path: Path) -> Non
     source = tmp_path / "site.toml"
     source.write_text(TOML)
     out = tmp_path / "out"
-    status = solve_into(out, str(source), method="greedy", quiet=True)
-    assert status.has_placement
+    solution = solve_into(out, str(source), method="greedy", quiet=True)
+    assert solution.status.has_placement
     table = pd.read_csv(out / "pareto.csv")
     assert len(table) == 2
     assert table["chosen"].sum() == 1

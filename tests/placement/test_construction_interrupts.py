@@ -60,8 +60,8 @@ def test_what_is_written_is_the_best_so_far(
 ) -> None:
     interrupt_after_the_first(monkeypatch)
     out = tmp_path / "out"
-    status = solve_into(out, str(site), method="auto", quiet=True)
-    assert status == "time_limit"
+    solution = solve_into(out, str(site), method="auto", quiet=True)
+    assert solution.status == "time_limit"
     record = json.loads((out / "solution.json").read_text())
     assert record["stats"]["stopped_by"] == "interrupt"
     assert len(pd.read_csv(out / "pareto.csv")) == 1

@@ -68,8 +68,8 @@ def test_what_is_solved_is_verified(tmp_path: Path, tables: dict[str, object]) -
     from placement.commands import solve_into
 
     out = tmp_path / "out"
-    status = solve_into(out, str(instance(tmp_path, **tables)), time_limit_s=30.0, quiet=True)  # type: ignore[arg-type]
-    assert status.has_placement
+    solution = solve_into(out, str(instance(tmp_path, **tables)), time_limit_s=30.0, quiet=True)  # type: ignore[arg-type]
+    assert solution.status.has_placement
     verified = verify_folder(out)
     assert verified.passed, verified.summary()
     record = json.loads((out / "solution.json").read_text())
