@@ -129,6 +129,7 @@ def solve_into(
         report(f"computing the information of {instance.name}", None)
         curve: dict[str, Content] = {}
         interrupted: Solution | None = None
+        took: str | None = None
         if instance.road.constructed is not None and instance.road.constructed.pieces is None:
             from placement.construction import choose_road
 
@@ -153,6 +154,7 @@ def solve_into(
             else:
                 from placement.budget_curve import budget_curve
 
+                started = time.monotonic()
                 found = budget_curve(
                     scene.problem,
                     *budgets,
@@ -161,6 +163,8 @@ def solve_into(
                     seed=seed,
                     progress=report,
                 )
+                seconds = time.monotonic() - started
+                took = f"{seconds:.1f} s for the budgets {budgets[0]} to {budgets[1]}"
                 solution, curve = found.solutions[-1], {**curve, **_curve_files(found)}
             report("writing", None)
             prediction = None
@@ -174,7 +178,7 @@ def solve_into(
     if not quiet:
         from placement.output import solution_lines
 
-        _say(solution_lines(solution, f"{len(solution.selected)} cameras", out))
+        _say(solution_lines(solution, f"{len(solution.selected)} cameras", out, took=took))
     return solution
 
 

@@ -2,10 +2,12 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -120,6 +122,22 @@ def test_the_command_writes_table_figure_and_the_last_solution(tmp_path: Path) -
     solve_into(out, str(source), budget="2", method="greedy", quiet=True)
     assert not (out / "budget_curve.csv").exists()
     assert not (out / "budget_curve.png").exists()
+
+
+def test_the_summary_names_the_seconds_of_all_budgets(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def slow(*arguments: Any, **options: Any) -> Solution:
+        time.sleep(0.2)
+        return solve(*arguments, **options)
+
+    monkeypatch.setattr("placement.budget_curve.solve", slow)
+    monkeypatch.setattr("placement.commands.entry_points", lambda **_group: [])
+    (tmp_path / "small.toml").write_text(SMALL)
+    solve_into(tmp_path / "out", str(tmp_path / "small.toml"), budget="1:4", method="greedy")
+    found = re.search(r" in (\d+\.\d) s for the budgets 1 to 4\n", capsys.readouterr().out)
+    assert found is not None
+    assert float(found[1]) >= 0.8
 
 
 @pytest.mark.parametrize("text", ["3:2", "0:2", "a:2", "1:", "1:2:3", "1:100000", "-1:2"])
