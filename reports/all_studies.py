@@ -47,14 +47,15 @@ def run_all(
     out: Path,
     given: Given,
     progress: Callable[[str, float | None], None],
-) -> None:
+) -> list[Path]:
     """Run what is not finished under `out`, and write `index.html` that leads to each study.
 
     A study is finished when its folder says so for the same seed, effort, roads and version; its
-    files are then left as they are.
+    files are then left as they are. Return the files that are on no page of the studies run.
     """
     from reports.commands import run_study
 
+    foreign: list[Path] = []
     for n, (name, study) in enumerate(studies.items()):
         folder = out / name
         mark = given.mark(name, given.roads if study.takes_roads else ())
@@ -65,7 +66,7 @@ def run_all(
         def part(text: str, share: float | None, n: int = n) -> None:
             progress(text, (n + (share or 0.0)) / len(studies))
 
-        run_study(name, folder, given, part)
+        foreign += run_study(name, folder, given, part)
     links = [
         f'<li><a href="{html.escape(name)}/index.html">{html.escape(name)}</a>: '
         f"{html.escape(study.summary)}</li>"
@@ -73,6 +74,7 @@ def run_all(
     ]
     page = document("Studies – placement", ["<h1>Studies</h1>", f"<ul>{''.join(links)}</ul>"])
     write_files(out, {"index.html": page})
+    return foreign
 
 
 def _read(path: Path) -> Any:

@@ -120,14 +120,17 @@ def report(
         with prepared_folder(out), watch(quiet) as progress:
             given = Given(quick=quick, seed=seed, roads=roads, work=work)
             if study == "all":
-                run_all(STUDIES, out, given, progress)
+                foreign = run_all(STUDIES, out, given, progress)
             else:
-                run_study(study, out, given, progress)
+                foreign = run_study(study, out, given, progress)
     except KeyboardInterrupt:
         typer.echo("placement: interrupted; the same command goes on from here", err=True)
         raise typer.Exit(EXIT_UNSOLVED) from None
     finally:
         work.close()
+    if foreign:
+        names = ", ".join(map(str, foreign))
+        typer.echo(f"placement: not of the study, so not on its page: {names}", err=True)
     if not quiet:
         typer.echo(f"results in {out}")
 
@@ -165,18 +168,20 @@ def _with_roads() -> list[str]:
 
 def run_study(
     name: str, out: Path, given: Given, progress: Callable[[str, float | None], None]
-) -> None:
+) -> list[Path]:
     """Run the study `name` into `out` and write its page over what it wrote.
 
-    Its parts are kept in `out/parts` until it is finished, so that a run that was stopped goes on.
+    Return the tables and figures in `out` that it did not write, which are not on the page. Its
+    parts are kept in `out/parts` until it is finished, so that a run that was stopped goes on.
     """
     import json
     import shutil
 
     from placement.atomic import write_files
     from reports.all_studies import FINISHED
-    from reports.page.study_page import study_page
+    from reports.page.study_page import SHOWN, study_page
     from reports.parts import Parts, folder_for
+    from reports.study_files import stamps, written_since
 
     study = STUDIES[name]
     roads = given.roads if study.takes_roads else ()
@@ -184,7 +189,10 @@ def run_study(
     (out / FINISHED).unlink(missing_ok=True)
     parts = Parts(given.work, folder_for(out / "parts", mark))
     more: dict[str, Any] = {"roads": roads} if study.takes_roads else {}
+    before = stamps(out)
     study.load()(out, quick=given.quick, seed=given.seed, parts=parts, progress=progress, **more)
-    page = study_page(name, study.summary, out, None if roads else study.without_roads)
+    own = written_since(out, before)
+    page = study_page(name, study.summary, out, own, None if roads else study.without_roads)
     write_files(out, {"index.html": page, FINISHED: json.dumps(mark, indent=2) + "\n"})
     shutil.rmtree(out / "parts", ignore_errors=True)
+    return [out / each for each in sorted(before) if each.endswith(SHOWN) and each not in own]

@@ -1,8 +1,9 @@
-"""What every study writes: its tables as CSV, its figures as PNG and SVG."""
+"""What every study writes: its tables as CSV, its figures as PNG and SVG; and which those are."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 import pandas as pd
 from matplotlib.figure import Figure
@@ -25,3 +26,15 @@ def study_files(
     for name, figure in figures.items():
         files |= {f"{name}.{kind}": saved(figure, kind) for kind in ("png", "svg")}
     return files
+
+
+def stamps(folder: Path) -> dict[str, tuple[int, int, int]]:
+    """Return what changes of each file in `folder` when it is written anew, by name."""
+    files = [path for path in folder.iterdir() if path.is_file()] if folder.is_dir() else []
+    found = {path.name: path.stat() for path in files}
+    return {name: (s.st_mtime_ns, s.st_ino, s.st_size) for name, s in found.items()}
+
+
+def written_since(folder: Path, before: Mapping[str, tuple[int, int, int]]) -> set[str]:
+    """Return which files of `folder` were written since `stamps` gave `before`."""
+    return {name for name, stamp in stamps(folder).items() if before.get(name) != stamp}

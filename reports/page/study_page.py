@@ -1,9 +1,10 @@
-"""The page of a study: every figure and every table of its folder, in one file."""
+"""The page of a study: every figure and every table that it wrote, in one file."""
 
 from __future__ import annotations
 
 import base64
 import html
+from collections.abc import Collection
 from pathlib import Path
 
 import pandas as pd
@@ -14,8 +15,13 @@ MOST_ROWS = 500  # of one table; the CSV file has them all
 MOST_BYTES = 2_500_000  # of all figures: past that they are shown as their PNG, or only named
 
 
-def study_page(title: str, summary: str, folder: Path, note: str | None = None) -> str:
-    """Return a page of the figures (SVG, else PNG) and tables (CSV) that lie in `folder`.
+SHOWN = (".svg", ".csv")
+
+
+def study_page(
+    title: str, summary: str, folder: Path, own: Collection[str], note: str | None = None
+) -> str:
+    """Return a page of the figures (SVG, else PNG) and tables (CSV) of names `own` in `folder`.
 
     `summary` and `note` are sentences without their full stops.
     """
@@ -23,11 +29,10 @@ def study_page(title: str, summary: str, folder: Path, note: str | None = None) 
     if note:
         sections.append(f"<p>{html.escape(note)}.</p>")
     room = MOST_BYTES
-    for path in sorted(folder.glob("*.svg")):
+    for path in sorted(folder / name for name in own if name.endswith(".svg")):
         name = html.escape(path.stem.replace("_", " ").replace("-", " "))
-        shown = next(
-            (each for each in (path, path.with_suffix(".png")) if _size(each) <= room), None
-        )
+        kinds = (path, path.with_suffix(".png"))
+        shown = next((each for each in kinds if each.name in own and _size(each) <= room), None)
         if shown is None:
             sections.append(f"<p>The figure {html.escape(path.name)} lies beside this page.</p>")
             continue
@@ -38,7 +43,7 @@ def study_page(title: str, summary: str, folder: Path, note: str | None = None) 
             f'<figure><img alt="{name}" src="data:image/{kind};base64,{data}">'
             f"<figcaption>{name}</figcaption></figure>"
         )
-    for path in sorted(folder.glob("*.csv")):
+    for path in sorted(folder / name for name in own if name.endswith(".csv")):
         frame = pd.read_csv(path)
         sections.append(f"<h2>{html.escape(path.stem.replace('_', ' '))}</h2>")
         if len(frame) > MOST_ROWS:

@@ -73,6 +73,23 @@ def test_finished_studies_stay_and_others_are_run(
     assert CALLS[5:] == ["tiny", "roads 1"]
 
 
+def test_what_others_left_in_the_folder_is_on_no_page_and_named(
+    studies: dict[str, Study], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    report("one", tmp_path, quiet=True)
+    assert capsys.readouterr().err == ""
+    (tmp_path / "customers.csv").write_text("name;town\nno table, of three\n")
+    (tmp_path / "logo.svg").write_text("<svg/>")
+    report("one", tmp_path, seed=7, quiet=True)
+    said = capsys.readouterr().err
+    assert said.startswith("placement: not of the study, so not on its page: ")
+    assert said.endswith(f"{tmp_path / 'customers.csv'}, {tmp_path / 'logo.svg'}\n")
+    page = (tmp_path / "index.html").read_text()
+    assert "customers" not in page
+    assert "logo" not in page
+    assert ">7<" in page  # its own table is
+
+
 @pytest.mark.parametrize(
     ("asked", "message"),
     [

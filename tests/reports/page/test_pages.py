@@ -103,10 +103,12 @@ def test_a_study_s_page_holds_its_figures_and_tables(tmp_path: Path) -> None:
     pd.DataFrame({"k": range(600), "what": ["<b>"] * 600}).to_csv(
         tmp_path / "rows.csv", index=False
     )
-    text = study_page("a study", "what it asks", tmp_path)
+    (tmp_path / "foreign.csv").write_text("not its own\n")
+    text = study_page("a study", "what it asks", tmp_path, {"figure.svg", "rows.csv"})
     assert "data:image/svg+xml;base64," in text
     assert "The first 500 of 600 rows" in text
     assert text.count("<tr") == 501
+    assert "foreign" not in text
     assert "<b>" not in text
 
 
@@ -285,7 +287,8 @@ def test_a_study_s_page_sorts_and_shows_its_figures(browser: Any, tmp_path: Path
     (tmp_path / "figure.svg").write_text(square)
     pd.DataFrame({"k": [3, 1, 2]}).to_csv(tmp_path / "rows.csv", index=False)
     page = tmp_path / "index.html"
-    text = study_page("a study", "what it asks", tmp_path, "what was left out")
+    own = {"figure.svg", "rows.csv"}
+    text = study_page("a study", "what it asks", tmp_path, own, "what was left out")
     page.write_text(text, encoding="utf-8")
     with opened(browser, page, "table") as tab:
         assert tab.evaluate("document.querySelector('img').naturalWidth") == 9
