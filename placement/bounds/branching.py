@@ -22,16 +22,16 @@ def children(choice: Choice, x: FloatArray) -> list[Choice]:
     fractional = np.minimum(mass, 1.0 - mass)
     if np.any(undecided & (fractional > WHOLE)):
         at = int(np.argmax(np.where(undecided, fractional, -1.0)))
-        return _use_or_not(choice, at)
+        return use_or_not(choice, at)
     spread = np.bincount(choice.group, np.minimum(x, 1.0 - x) * choice.allowed, len(mass))
     several = left > 1
     if np.any(several & (spread > WHOLE)):
-        return _halves(choice, int(np.argmax(np.where(several, spread, -1.0))), x)
+        return halves(choice, int(np.argmax(np.where(several, spread, -1.0))), x)
     # Nothing is fractional, yet bound and score differ: any decision will do.
     if np.any(choice.used & several):
-        return _halves(choice, int(np.argmax(choice.used & several)), x)
+        return halves(choice, int(np.argmax(choice.used & several)), x)
     if np.any(undecided) and choice.used.sum() < choice.budget:
-        return _use_or_not(choice, int(np.argmax(undecided * (1.0 + mass))))
+        return use_or_not(choice, int(np.argmax(undecided * (1.0 + mass))))
     return []
 
 
@@ -40,12 +40,14 @@ def last_placement(choice: Choice) -> IntArray:
     return best_choice(choice, np.where(choice.used[choice.group], 1.0, -1.0))[0]
 
 
-def _use_or_not(choice: Choice, group: int) -> list[Choice]:
+def use_or_not(choice: Choice, group: int) -> list[Choice]:
+    """Return what is left if a group must be used, and if it must not."""
     parts = [using(choice, group), without(choice, choice.group == group)]
     return [part for part in parts if part.feasible]
 
 
-def _halves(choice: Choice, group: int, x: FloatArray) -> list[Choice]:
+def halves(choice: Choice, group: int, x: FloatArray) -> list[Choice]:
+    """Return what is left without one half of a group's poses, and without the other."""
     members = np.flatnonzero((choice.group == group) & choice.allowed)
     # Alternate by weight, so that each half has about half of it.
     order = members[np.argsort(-x[members], kind="stable")]

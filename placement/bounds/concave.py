@@ -132,7 +132,8 @@ def _newton(
     # where gradients are dear (persistent offsets: half a second), ask the objective how they
     # change, or learn it on the way
     dear = (time.monotonic() - started) * x.size > DEAR_S
-    told = objective.curvature(x) if dear and isinstance(objective, Curved) else None
+    everyone = np.arange(x.size)
+    told = objective.curvature(x, everyone) if dear and isinstance(objective, Curved) else None
     secant = dear and told is None
     # along one axis log det(I + x M) has slope tr M and curvature −tr M², at most the square
     curvature: FloatArray | None = -0.5 * np.diag(slope**2)
@@ -142,7 +143,7 @@ def _newton(
         if gap <= tolerance * abs(score) or run.out_of_time():
             break
         if told is not None and isinstance(objective, Curved):
-            curvature = objective.curvature(x) if moved else told
+            curvature = objective.curvature(x, everyone) if moved else told
         elif not secant:
             curvature = _hessian(objective, x, slope, run)
         if curvature is None:

@@ -83,11 +83,12 @@ class Relaxable(Protocol):
 
 
 @runtime_checkable
-class Curved(Protocol):
+class Curved(Relaxable, Protocol):
     """A relaxable objective that knows how its gradient changes, at least nearly."""
 
-    def curvature(self, x: FloatArray) -> FloatArray | None:
-        """Return the second derivatives (c, c) at `x` (c,), near enough for Newton's steps.
+    def curvature(self, x: FloatArray, among: IntArray) -> FloatArray | None:
+        """Return the second derivatives (m, m) at `x` (c,) by the shares of `among` (m,).
 
-        None where it cannot tell. It is asked of few candidates (`placement.bounds.restrict`).
+        Near enough for Newton's steps; None where it cannot tell. What it prepares grows with the
+        number of candidates: ask it of those that matter (`placement.bounds.restrict`).
         """

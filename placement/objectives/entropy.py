@@ -42,13 +42,11 @@ class Entropy(NavigationObjective):
     def _part(self, drive: Drive) -> DrivePart:
         return OffsetEntropy(drive) if drive.persistent else WhiteEntropy(drive)
 
-    def curvature(self, x: FloatArray) -> FloatArray | None:
-        """Return the second derivatives (c, c), nearly; None unless all drives have offsets."""
-        total = np.zeros((x.size, x.size))
+    def curvature(self, x: FloatArray, among: IntArray) -> FloatArray | None:
+        """Return the second derivatives (m, m), nearly; None unless all drives have offsets."""
+        total = np.zeros((among.size, among.size))
         for weight, part in self._parts:
-            if not isinstance(part, OffsetEntropy):
-                return None
-            found = part.curvature(x)
+            found = part.curvature(x, among) if isinstance(part, OffsetEntropy) else None
             if found is None:
                 return None
             total += weight * found

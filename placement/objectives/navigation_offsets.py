@@ -131,11 +131,11 @@ class OffsetEntropy:
         forget = f.forget()
         return f.log_det, f.slopes(-forget, 1.0, 0.0, 0.0)
 
-    def curvature(self, x: FloatArray) -> FloatArray | None:
-        """Return the second derivatives (c, c) at `x` (c,), nearly (`OffsetCurvature`)."""
+    def curvature(self, x: FloatArray, among: IntArray) -> FloatArray | None:
+        """Return the second derivatives (m, m) by the shares of `among`, nearly."""
         if self._curvature is None:
             self._curvature = OffsetCurvature(self.drive.drive)
-        return self._curvature.at(x) if self._curvature.tells else None
+        return self._curvature.at(x, among) if self._curvature.tells else None
 
 
 class OffsetTrace:

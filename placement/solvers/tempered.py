@@ -9,7 +9,8 @@ best paths, polished by swaps, better the placement. What remains is searched be
 
 Cameras with persistent offsets have a white background, of cameras that stand in for them
 (`placement.tempered.background`), and a dear and weak relaxation: it has a tenth of the time unless
-it comes near. `stats["bounds"]` tells what each stage has proven.
+it comes near. Where it comes very near it is branched on. `stats["bounds"]` tells what each stage
+has proven.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import numpy as np
 
 from models.geometry import FloatArray, IntArray
 from placement.bounds.concave import best_fraction
+from placement.bounds.concave_tree import split_until
 from placement.objectives.base import State
 from placement.objectives.entropy import Entropy
 from placement.problem import Problem, Run
@@ -54,6 +56,8 @@ PERSISTENT_SHARES = (1.0, 0.98, 0.95, 0.9, 0.8, 0.6, 0.4)  # with persistent err
 RELAXED_SHARE = 0.1  # of the time left, for the relaxation of persistent errors
 LONGER_SHARE = 0.6  # the same once it bounds within PROMISING of the score
 PROMISING = 0.02
+SPLIT_WITHIN = 0.005  # of the score: a relaxation as near as this is branched on,
+SPLIT_SHARE = 0.8  # for this share of the time left: chains come nowhere near it
 MOST_PAIRS = 5e8  # bytes of first-order gains; a line longer than 11,000 is not bounded by chains
 MOST_TRIPLES = 250_000_000  # second-order gains held at one time: 1 GB
 DONE = 1e-7  # relative gap that counts as closed: a tenth of what `optimal` asks for
@@ -154,6 +158,16 @@ class Proof:
             start=np.array(self.selected, dtype=np.int64),
             report=report,
         )
+        if not self.white and found.bound - self.score < SPLIT_WITHIN * self.score:
+            self.stats["relaxation_nodes"] = split_until(
+                self.objective,
+                choice,
+                found.x,
+                self._for_a_share(SPLIT_SHARE),
+                beat=self.score,
+                report=lambda bound: self._bounded("relaxation, branched", bound),
+                offer=self._offer,
+            )
         left = np.flatnonzero(found.choice.allowed)
         self.stats["candidates_after_relaxation"] = int(left.size)
         if 4.0 * left.size**2 > MOST_PAIRS:

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from scipy.linalg import solve_triangular
 
-from models.geometry import FloatArray
+from models.geometry import FloatArray, IntArray
 from placement.objectives.navigation_chain import Drive
 from placement.objectives.windows.offsets import views_of, white_block
 
@@ -38,12 +38,13 @@ class OffsetCurvature:
         low = np.minimum(low, max(len(nodes) - 2, 0))
         span = np.maximum(np.diff(nodes, append=nodes[-1] + 1)[low], 1)
         after = (samples - nodes[low]) / span
-        self.n, self.width = views.indptr.size - 1, 2 * len(nodes)
-        self.ptr = np.zeros(self.n + 1, dtype=np.int64)
+        self.width = 2 * len(nodes)
+        self.ptr = np.zeros(views.indptr.size, dtype=np.int64)
         axes = np.empty(4 * views.indices.size, dtype=np.int64)
         list_axes(views.indptr, views.indices, low, len(nodes), self.ptr, axes)
         self.axes = axes[: self.ptr[-1]].copy()
-        self.blocks = np.empty(int(np.sum(np.diff(self.ptr) ** 2)))
+        self.block_ptr = np.append(0, np.cumsum(np.diff(self.ptr) ** 2))
+        self.blocks = np.empty(int(self.block_ptr[-1]))
         tell_nodes(views, low, after, heading, self.ptr, self.axes, self.blocks)
         self.prior = prior_root(drive, nodes, heading[nodes])
 
@@ -53,14 +54,16 @@ class OffsetCurvature:
         lengths = np.diff(self.ptr)
         return self.every == 1 or float(np.median(lengths)) >= 2.0 * NODES_A_WINDOW
 
-    def at(self, x: FloatArray) -> FloatArray:
-        """Return the second derivatives (c, c) at the shares `x` (c,)."""
+    def at(self, x: FloatArray, among: IntArray) -> FloatArray:
+        """Return the second derivatives (m, m) at the shares `x` (c,) by those of `among` (m,)."""
         told = np.zeros((self.width, self.width))
-        add_shares(x, self.ptr, self.axes, self.blocks, told)
+        add_shares(x, self.ptr, self.axes, self.block_ptr, self.blocks, told)
         inner = np.eye(self.width) + self.prior.T @ told @ self.prior
         half = solve_triangular(np.linalg.cholesky(inner), self.prior.T, lower=True)
-        out = np.empty((self.n, self.n))
-        curvature_of(self.ptr, self.axes, self.blocks, half.T @ half, out)
+        out = np.empty((among.size, among.size))
+        curvature_of(
+            among, self.ptr, self.axes, self.block_ptr, self.blocks, half.T @ half, out
+        )
         return out
 
 
@@ -154,11 +157,11 @@ def tell_nodes(views, low, after, heading, ptr, axes, blocks):  # type: ignore[n
 
 
 @njit(cache=True)
-def add_shares(x, ptr, axes, blocks, out):  # type: ignore[no-untyped-def]
+def add_shares(x, ptr, axes, block_ptr, blocks, out):  # type: ignore[no-untyped-def]
     """Add Σ x_i Λ_i to `out`."""
-    at = 0
-    for i in range(x.size):
+    for i in np.flatnonzero(x):
         own = axes[ptr[i] : ptr[i + 1]]
+        at = block_ptr[i]
         for a in own:
             for b in own:
                 out[a, b] += x[i] * blocks[at]
@@ -166,23 +169,26 @@ def add_shares(x, ptr, axes, blocks, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def curvature_of(ptr, axes, blocks, posterior, out):  # type: ignore[no-untyped-def]
-    """Fill out[i, j] with −tr(Λ_i Σ Λ_j Σ)."""
-    n, width = ptr.size - 1, posterior.shape[0]
-    through = np.empty((axes.size, width))  # Λ_i Σ, one row for each of camera i's axes
-    at = 0
-    for i in range(n):
-        k = ptr[i + 1] - ptr[i]
+def curvature_of(among, ptr, axes, block_ptr, blocks, posterior, out):  # type: ignore[no-untyped-def]
+    """Fill out[r, s] with −tr(Λ_i Σ Λ_j Σ), i and j the r-th and s-th of `among`."""
+    n, width = among.size, posterior.shape[0]
+    row = np.zeros(n + 1, np.int64)
+    for r in range(n):
+        row[r + 1] = row[r] + ptr[among[r] + 1] - ptr[among[r]]
+    own = np.empty(row[n], np.int64)
+    through = np.empty((row[n], width))  # Λ_i Σ, one row for each of camera i's axes
+    for r in range(n):
+        i, k = among[r], row[r + 1] - row[r]
+        own[row[r] : row[r + 1]] = axes[ptr[i] : ptr[i + 1]]
         seen = np.empty((k, width))
         for a in range(k):
-            seen[a] = posterior[axes[ptr[i] + a]]
-        block = blocks[at : at + k * k].reshape((k, k))
-        through[ptr[i] : ptr[i + 1]] = block @ seen
-        at += k * k
-    for i in range(n):
-        for j in range(i + 1):
+            seen[a] = posterior[own[row[r] + a]]
+        block = blocks[block_ptr[i] : block_ptr[i + 1]].copy().reshape((k, k))
+        through[row[r] : row[r + 1]] = block @ seen
+    for r in range(n):
+        for s in range(r + 1):
             found = 0.0
-            for a in range(ptr[i], ptr[i + 1]):
-                for b in range(ptr[j], ptr[j + 1]):
-                    found -= through[a, axes[b]] * through[b, axes[a]]
-            out[i, j], out[j, i] = found, found
+            for a in range(row[r], row[r + 1]):
+                for b in range(row[s], row[s + 1]):
+                    found -= through[a, own[b]] * through[b, own[a]]
+            out[r, s], out[s, r] = found, found
