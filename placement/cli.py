@@ -7,6 +7,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from importlib.metadata import entry_points
 from itertools import pairwise
 from pathlib import Path
@@ -89,8 +90,7 @@ def main() -> None:
     try:
         with interrupts_by_name():
             with held_back():
-                for entry in entry_points(group="placement.commands"):
-                    entry.load()(app)
+                _add_commands()
             code = app(standalone_mode=False) or 0
         if code == _PARSER_INTERRUPTED:
             _complain(f"interrupted; {NOTHING}")
@@ -115,6 +115,13 @@ def main() -> None:
         else:
             _complain(" ".join(error.format_message().split()))
         sys.exit(EXIT_BAD_INPUT)
+
+
+@cache
+def _add_commands() -> None:
+    """Let other rooms add their commands: once, however often a process calls `main`."""
+    for entry in entry_points(group="placement.commands"):
+        entry.load()(app)
 
 
 def _commands() -> ModuleType:
