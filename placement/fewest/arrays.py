@@ -117,6 +117,7 @@ class Store(NamedTuple):
     key_m: IntArray
     key_first: IntArray
     set_next: IntArray  # sets of one key
+    set_at: IntArray  # where in the table that is
     blind_node: IntArray  # (2, k + 1, span + 2) by how long it lasts; −1 for none
     crowd_node: IntArray  # (2, k + 1, counts, span + 2)
     crowd_p: (
@@ -155,6 +156,7 @@ def new_store(failures: int) -> Store:
         key_m=np.empty(buckets, dtype=np.int64),
         key_first=np.empty(buckets, dtype=np.int64),
         set_next=np.empty(MOST_SETS, dtype=np.int64),
+        set_at=np.empty(MOST_SETS, dtype=np.int64),
         blind_node=np.empty((0, 0, 0), dtype=np.int64),
         crowd_node=np.empty((0, 0, 0, 0), dtype=np.int64),
         crowd_p=np.empty((0, 0, 0, 0, 0, 0)),

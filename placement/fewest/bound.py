@@ -238,6 +238,7 @@ class Counting:
             self._store = new_store(self.course.failures)
         t, store = self.course.steps.shape[0], self._store
         store.counter[:] = 0
+        store.key[:] = 0
         store.counter[arrays.NODES] = 1
         store.node_need[arrays.END], store.node_t[arrays.END] = 0, -1
         store.counter[arrays.FREE] = -1

@@ -175,6 +175,7 @@ def put_set(store, side, slot_of, slots, m, n, ids, flag, node, p, mode, scratch
             for x in range(6):
                 store.set_p[side, s, c, x] = p[c, x]
         store.set_next[s] = store.key_first[h]
+        store.set_at[s] = h
         store.key_first[h] = s
         return True
     if mode == FINDING:
@@ -193,3 +194,13 @@ def put_set(store, side, slot_of, slots, m, n, ids, flag, node, p, mode, scratch
             store.set_p[side, best, c, x] = r[x]
     record(store, node, store.set_node[side, best], ZERO, NO_CAMERA)
     return True
+
+
+@njit(**LEAN)
+def forget_keys(store, n):  # type: ignore[no-untyped-def]
+    """Empty the table of n sets: place by place, as the whole of it is two megabytes."""
+    if 8 * n > store.key.size:  # all of it, too, where a set found no room
+        for h in range(store.key.size):
+            store.key[h] = 0
+    for s in range(n):
+        store.key[store.set_at[s]] = 0

@@ -37,7 +37,7 @@ from placement.fewest.arrays import (
 from placement.fewest.crossing import worth
 from placement.fewest.crowds import blind_on, crowds_on
 from placement.fewest.graph import new_node, no_room, record
-from placement.fewest.merging import WAITING, exceeded, grown, thin
+from placement.fewest.merging import WAITING, exceeded, forget_keys, grown, thin
 from placement.fewest.sets import set_out, sets_on
 from placement.objectives.windows.filter import row6
 
@@ -72,7 +72,7 @@ def sweep(begin, end, k, course, known, store, least, width, slots, epsilon, mod
     for t in range(begin, end):
         then = 1 - t % 2
         slot_of[then] = 0
-        store.key[:] = 0
+        forget_keys(store, slot_of[t % 2])
         store.blind_node[then] = -1
         store.crowd_node[then] = -1
         cameras = course.at[t + 1] - course.at[t]
