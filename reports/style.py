@@ -40,11 +40,15 @@ def style() -> Iterator[None]:
 
 
 def saved(figure: Figure, kind: str) -> Callable[[Path], None]:
-    """Return a function that writes `figure` to a path as `kind` (png, svg), undated."""
+    """Return a function that writes `figure` to a path as `kind` (png, svg), undated.
+
+    It is laid out for what is written first; the other has its axes at the same places.
+    """
 
     def save(path: Path) -> None:
         metadata = {"Date": None} if kind == "svg" else {"Software": None}
         with style():
             figure.savefig(path, format=kind, metadata=metadata)
+        figure.set_layout_engine("none")  # which takes a third of the time, once more
 
     return save

@@ -123,6 +123,7 @@ kind = "localisation"
 """
 
 
+@pytest.mark.usefixtures("undrawn")  # figures are drawn of the same files, by one process
 def test_commands_write_the_same_bytes_with_workers(tmp_path: Path) -> None:
     (tmp_path / "street.toml").write_text(STREET)
     folders = [tmp_path / "here", tmp_path / "there"]
