@@ -8,6 +8,7 @@ from numba import njit
 from placement.fewest.arrays import COUNTED, LEAN
 from placement.objectives.windows.filter import predict, update
 from placement.objectives.windows.offsets import (
+    CAR_STATES,
     condition,
     enter_state,
     innovation,
@@ -84,7 +85,7 @@ def alone_unsure(course, v, t, p):  # type: ignore[no-untyped-def]
     most = 3 + offsets.shape[2]
     m, u, w = np.zeros((most, most)), np.empty((2, most)), np.empty((2, most))
     set_initial(m, p)
-    n = enter_state(m, 3, offsets.shape[2], 1.0)
+    n = enter_state(m, CAR_STATES, offsets.shape[2], 1.0)
     i = course.who[v]
     e, end = course.indptr[i], course.indptr[i + 1]
     for s in range(t, t + course.ptr[v + 1] - course.ptr[v]):
@@ -94,7 +95,7 @@ def alone_unsure(course, v, t, p):  # type: ignore[no-untyped-def]
         if b[0] + b[2] > 0.0:
             learn(m, n, b[0], b[1], b[2], u, w)
         if e < end and course.indices[e] == s:
-            update_state(m, n, 3, course.white, offsets, course.frames, e, 1.0, u, w)
+            update_state(m, n, CAR_STATES, course.white, offsets, course.frames, e, 1.0, u, w)
             e += 1
         if m[1, 1] > course.limit:
             return False, p
