@@ -28,7 +28,7 @@ $(FRESH): $(READY) $(SOURCES)
 demo: $(FRESH)  ## solve and validate the embedded instance into out/demo/
 	$(BIN)/placement demo
 
-test: $(FRESH)  ## the default test suite: four and a half minutes the first time on two cores
+test: $(FRESH)  ## the default test suite: eight minutes of processor time the first time, half of that on two cores
 	$(BIN)/python -m pytest -n auto --dist loadfile
 
 test-slow: $(FRESH)  ## the long tests: closed-loop statistics, full-size instances

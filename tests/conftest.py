@@ -27,18 +27,19 @@ FIRST = (
     "placement/objectives/test_navigation.py",
     "placement/solvers/test_contract.py",
     "placement/branch",
-    "benchmarks/test_library.py",
     "placement/test_cli.py",
-    "placement/test_cluster.py",
+    "placement/bounds",
+    "benchmarks/test_library.py",
     "placement/referee/test_tolerance.py",
     "placement/tempered",
+    "placement/test_cluster.py",
     "placement/solvers",
     "reports",
     "placement",
     "benchmarks",
 )
 # Files of a folder that need the same kernels: one worker compiles them, not both at once.
-TOGETHER = ("placement/fewest/",)
+TOGETHER = ("placement/fewest/", "placement/branch/", "placement/bounds/")
 
 
 def pytest_configure(config: pytest.Config) -> None:
