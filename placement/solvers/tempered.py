@@ -28,6 +28,7 @@ from placement.objectives.base import State
 from placement.objectives.entropy import Entropy
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
+from placement.solvers.crossing import breed, meet
 from placement.solvers.exchange import polish
 from placement.solvers.greedy import best_addition, climb
 from placement.solvers.search import rearrange
@@ -179,11 +180,13 @@ class Proof:
         return make_line(self.objective, constraints, left)
 
     def _use_what_is_left(self) -> None:
-        """Rearrange the placement in the time that is left."""
-        if not self.inner.out_of_time():
-            state = self.objective.state(np.array(self.selected, dtype=np.int64))
+        """Rearrange the placement and cross it with others, while that helps and there is time."""
+        state, before = self.objective.state(np.array(self.selected, dtype=np.int64)), -np.inf
+        while state.score > before and not self.inner.out_of_time():
+            before = state.score
             self._rearrange(state, 1.0)
-            self._offer(np.array(state.selected, dtype=np.int64))
+            breed(self.problem, self.inner, state)
+        self._offer(np.array(state.selected, dtype=np.int64))
 
     @property
     def white(self) -> bool:
@@ -362,6 +365,7 @@ class Proof:
             return
         state = self.objective.state(np.sort(path))
         polish(self.problem, self._for_a_share(PATH_SHARE), state)
+        meet(self.problem, self._for_a_share(PATH_SHARE), state, self.selected)
         self._offer(np.array(state.selected, dtype=np.int64))
 
     def _mended(self, path: IntArray) -> IntArray:
