@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numba import get_num_threads
 
 from models.geometry import FloatArray, IntArray
 from placement.bounds.concave import best_fraction
@@ -27,6 +28,7 @@ from placement.bounds.concave_tree import split_until
 from placement.objectives.base import State
 from placement.objectives.entropy import Entropy
 from placement.problem import Problem, Run
+from placement.sieve.sieve import Sieve, losses_of
 from placement.solution import Proposal, Status
 from placement.solvers.crossing import breed, meet
 from placement.solvers.exchange import polish
@@ -45,6 +47,10 @@ SHARES = (1.0, 0.95, 0.9, 0.8, 0.7, 0.6, 0.5, 0.35)
 THINNED = 600  # candidates of a thinned line
 FIRST_ORDER_PASSES = 5
 SECOND_ORDER_PASSES = 8
+SIEVE_PASSES = 6
+MOST_LOSSES = 1_000_000_000  # of two bytes
+LOSS_S = 2.2e-7  # processor seconds for each
+SIEVE_SHARE = 0.8  # of the time left, that a pass may take
 LABEL_PASSES = 12
 MOST_GAINS = 20_000_000  # gains of a diagram: with its tables, some 200 MB
 NARROW, WIDE = 4, 48  # labels a camera
@@ -54,7 +60,7 @@ PATH_SHARE = 0.03  # and for polishing a path
 SHARE_SEARCH = 0.3  # of the time left, for shares that bound the whole line better
 WORTH_IT = 0.8  # go on while a pass leaves fewer than this share of the arcs
 PERSISTENT_SHARES = (1.0, 0.98, 0.95, 0.9, 0.8, 0.6, 0.4)  # with persistent errors
-RELAXED_SHARE = 0.1  # of the time left, for the relaxation of persistent errors
+RELAXED_SHARE = 0.05  # of the time left, for the relaxation of persistent errors
 LONGER_SHARE = 0.6  # the same once it bounds within PROMISING of the score
 PROMISING = 0.02
 SPLIT_WITHIN = 0.005  # of the score: a relaxation as near as this is branched on,
@@ -100,6 +106,7 @@ class Proof:
     stats: dict[str, Any] = field(default_factory=dict)
     inner: Run = field(init=False)
     background: list[FloatArray] = field(init=False)
+    _whole: Tempered | None = None  # the last first order over more arcs than there is room for
 
     def work(self) -> bool:
         """Go through the stages; return whether there is nothing left that time could improve."""
@@ -118,6 +125,9 @@ class Proof:
             return not run.out_of_time()
         line = self._first_order(line, SHARES if self.white else PERSISTENT_SHARES)
         if self._closed() or self.problem.constraints.budget < 2:
+            return True
+        line = self._sieve(line)
+        if self._closed():
             return True
         line = self._diagrams(line)
         if self._closed():
@@ -193,9 +203,16 @@ class Proof:
         """Whether no camera's errors persist."""
         return not any(drive.persistent for drive in self.objective.drives)
 
+    @property
+    def _sieves(self) -> bool:
+        """Whether there is a single drive, as a sieve wants it."""
+        return len(self.objective.drives) == 1
+
     def _first_order(self, line: Line, shares: tuple[float, ...]) -> Line:
         """Bound by first-order chains at the shares that bound best, and thin out the line."""
         share, seconds = self._best_share(line, shares)
+        if self._sieves:
+            share = (1.0 + share) / 2  # what suits the sieve, which has the last word, is nearer 1
         for _ in range(FIRST_ORDER_PASSES):
             n = line.candidate.size
             if n < 2 or 0.25 * seconds * n * n > self.inner.remaining():
@@ -207,6 +224,9 @@ class Proof:
                 return line
             line = bound.survivors(self.score)
             if time.monotonic() - started < 1.0:
+                break
+            if self._sieves and self._triples(line) > MOST_TRIPLES:
+                self._whole = bound
                 break
             if line.alive.sum() > WORTH_IT * before:
                 share, line = self._nearer_share(line, share, bound.bound())
@@ -244,6 +264,38 @@ class Proof:
             return not self._closed() and time.monotonic() + took < until
 
         return better_share(share, bound, evaluate, may_go_on), line
+
+    def _sieve(self, line: Line) -> Line:
+        """Bound by second-order chains over classes, and thin out the line.
+
+        Where so many arcs are left that the second order has no room for their pairs.
+        """
+        share = float(self.stats.get("share", 1.0))
+        known, best = self._whole, np.inf
+        for _ in range(SIEVE_PASSES if self._sieves else 0):
+            if self._triples(line) <= MOST_TRIPLES:
+                break
+            if known is not None and known.theta == share and known.covers(line):
+                first = known.over(line)
+            else:
+                first = self._tempered(line, share)
+            self._whole = known = None
+            many = losses_of(first)
+            seconds = LOSS_S * many / get_num_threads()
+            if many > MOST_LOSSES or seconds > SIEVE_SHARE * self.inner.remaining():
+                break
+            self.run.progress(f"{many} losses by class, share {share:.4g}", None)
+            sieve = Sieve(first, self.score)
+            bound = sieve.bound()
+            self._bounded(f"tempered chain, classes, share {share:.4g}", bound)
+            self._try_path(sieve.path())
+            line = sieve.survivors(self.score)
+            self._left(line)
+            if self._closed() or line.candidate.size == 0 or bound >= best:
+                break
+            best, self.stats["share"] = bound, share
+            share = (1.0 + share) / 2
+        return line
 
     def _diagrams(self, line: Line) -> Line:
         """Bound by gains given all that came before, and thin out the line."""
@@ -323,15 +375,20 @@ class Proof:
 
     def _best_share(self, line: Line, shares: tuple[float, ...]) -> tuple[float, float]:
         """Return the share that bounds a thinned line best, and seconds per pair of candidates."""
-        step = max(1, -(-line.candidate.size // THINNED))
-        keep = np.arange(line.candidate.size)
-        thin = line.subset(keep[(keep % step == 0) | line.required])
+        thin = self._thinned(line, THINNED)
         took, best = np.inf, (np.inf, shares[0])
         for share in shares if len(shares) > 1 else ():
             started = time.monotonic()
             best = min(best, (self._tempered(thin, share).bound(), share))
             took = min(took, time.monotonic() - started)
         return best[1], took / max(thin.candidate.size, 1) ** 2
+
+    @staticmethod
+    def _thinned(line: Line, most: int) -> Line:
+        """Return the line over every so many candidates, and all that are required."""
+        step = max(1, -(-line.candidate.size // most))
+        keep = np.arange(line.candidate.size)
+        return line.subset(keep[(keep % step == 0) | line.required])
 
     def _tempered(self, line: Line, share: float) -> Tempered:
         self.run.progress(

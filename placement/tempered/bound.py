@@ -27,6 +27,7 @@ that is a fact about placements, so what different θ and y rule out adds up.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -179,6 +180,18 @@ class Tempered:
         self.alone[~self.line.may_start] = -np.inf
         k = max(self.budget, 1)
         self.F, self.B = paths.tables(self.pairs, self.alone, self.ends, k, self.run)
+
+    def covers(self, line: Line) -> bool:
+        """Say whether `line` has the same candidates, and no other arcs."""
+        return np.array_equal(self.line.candidate, line.candidate) and not np.any(
+            line.alive & ~self.line.alive
+        )
+
+    def over(self, line: Line) -> Tempered:
+        """Return the same gains over the arcs of a line that this covers; its tables stay."""
+        found = copy(self)
+        found.line = line
+        return found
 
     def bounds(self) -> FloatArray:
         """Return the bound for every budget 0 … k, (k + 1,); −∞ where there is no placement."""

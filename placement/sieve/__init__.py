@@ -1,0 +1,1 @@
+"""The tempered chain to second order over millions of arcs, by classes of cameras before."""

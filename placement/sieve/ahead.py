@@ -1,0 +1,193 @@
+"""Losses of cameras that see what the one before them, or those near it, see.
+
+Each near camera stands for itself: the loss is the mutual information of its features and those of
+the camera ahead, given all that the one in between measures. A far class is a measurement of the
+car's state in that.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from placement.sieve.classes import FAR, IMPOSSIBLE, rounded_down
+from placement.sieve.features import RANK, factor, prior_matrix
+from placement.sieve.given import camera_given, invert
+
+# products of matrices this small (16 × 2 m × 128) run on the thread that asks for them
+BLOCK, SIDE = 4, 32  # cameras before, and ahead, whose covariances are found together
+
+
+@njit(cache=True)
+def fill_ahead(  # type: ignore[no-untyped-def]
+    j, process, cameras, whole, kind, weight, pairs, classes, features, meeting, known, early,
+    root, root_of, before, used, camera, losses,
+):  # fmt: skip
+    """Fill the rows of arcs to cameras that see what j or its near ones see."""
+    b_before, l_before = before
+    size, rank = root.shape[0], features.spread.shape[1]
+    begin, end = classes.out_of[j], classes.out_of[j + 1]
+    n_before = used.size
+    # the cameras ahead given z_j, side by side
+    n_ahead = 0
+    for e in range(begin, end):
+        if classes.ahead[e]:
+            n_ahead += 1
+    if n_ahead == 0:
+        return
+    arc, usable = np.empty(n_ahead, np.int64), np.zeros(n_ahead, np.bool_)
+    blocks = (n_ahead + SIDE - 1) // SIDE
+    b_ahead = np.zeros((blocks, size, SIDE * rank))
+    given, log_det = np.zeros((n_ahead, rank, rank)), np.zeros(n_ahead)
+    one, low = np.zeros((rank, size)), np.empty((rank, rank))
+    u = 0
+    for e in range(begin, end):
+        if not classes.ahead[e]:
+            continue
+        k = classes.target[e]
+        losses[classes.row_at[e]] = 0
+        arc[u] = e
+        if whole[k] and camera_given(cameras, k, j, features, root, one, given[u]):
+            usable[u] = True
+            low[:] = given[u]
+            log_det[u] = factor(low, rank)
+            for a in range(rank):
+                for z in range(size):
+                    b_ahead[u // SIDE, z, u % SIDE * rank + a] = one[a, z]
+        u += 1
+    inverse, link = np.zeros((rank, rank)), np.zeros((3, rank))
+    d, x_of = np.zeros((rank, rank)), np.zeros((rank, rank))
+    shared = np.zeros((blocks, BLOCK * rank, SIDE * rank))
+    rows = b_before.reshape(n_before * rank, size)
+    for c in range(n_before):
+        if size > 0 and c % BLOCK == 0:
+            stop = min(c + BLOCK, n_before)
+            for block in range(blocks):
+                some = shared[block][: (stop - c) * rank]
+                np.dot(rows[c * rank : stop * rank], b_ahead[block], some)
+        from_row = c % BLOCK * rank
+        i, reached, q, q_end = -1, -np.inf, 0, 0
+        if c >= FAR:
+            i = camera[c]
+            reached = known.into[i] + np.float64(pairs[i, j]) - 2.0 * known.price
+            q, q_end = meeting.at[i], meeting.at[i + 1]
+            if used[c] > 0:
+                _link(process, cameras, i, features, link)
+        if used[c] > 0:
+            _inverse_of(l_before[c], rank, inverse)
+        for u in range(n_ahead):
+            e = arc[u]
+            k = classes.target[e]
+            at = classes.row_at[e] + 1 + c
+            if used[c] < 0:
+                losses[at] = IMPOSSIBLE
+                continue
+            if c >= FAR:
+                worthless = reached + np.float64(pairs[j, k]) + known.beyond[k] < known.need
+                if worthless or (kind[i] >= 0 and kind[i] == kind[k]):
+                    losses[at] = IMPOSSIBLE
+                    continue
+            losses[at] = 0
+            if used[c] == 0 or not usable[u]:
+                continue
+            if c < FAR:
+                place = early - features.low[k]
+                if place < 0 or place >= features.at[k + 1] - features.at[k]:
+                    continue
+                row, g = features.field[features.at[k] + place], root_of[c]
+                for b in range(rank):
+                    for a in range(3):
+                        d[a, b] = g[0, a] * row[0, b] + g[1, a] * row[1, b] + g[2, a] * row[2, b]
+                    d[3:, b] = 0.0
+            elif cameras.first[k] <= cameras.last[i]:
+                while q < q_end and meeting.other[q] < k:
+                    q += 1
+                if q == q_end or meeting.other[q] != k:
+                    continue
+                both = meeting.covariance[q]
+                if both[0, 0] != both[0, 0]:
+                    continue
+                for a in range(rank):
+                    for b in range(rank):
+                        d[a, b] = both[b, a]
+            else:
+                place = cameras.last[i] - features.low[k]
+                if place < 0:
+                    continue
+                row = features.field[features.at[k] + place]
+                for a in range(rank):
+                    for b in range(rank):
+                        d[a, b] = (
+                            link[0, a] * row[0, b] + link[1, a] * row[1, b] + link[2, a] * row[2, b]
+                        )
+            some, column = shared[u // SIDE], u % SIDE * rank
+            left = _log_det_left(d, some, from_row, column, inverse, given[u], x_of)
+            information = log_det[u] - left
+            losses[at] = rounded_down(weight * information)
+
+
+@njit(cache=True)
+def _link(process, cameras, i, features, link):  # type: ignore[no-untyped-def]
+    """Fill `link` (3, r) with P⁻¹ Cov(x_t, y_i) at the last sample t that i sees.
+
+    Cov(y_i, y_k) = linkᵀ Cov(x_t, y_k) for a camera k that sees later samples only.
+    """
+    t = cameras.last[i]
+    p, g = np.empty((3, 3)), np.zeros((3, 3))
+    prior_matrix(process, t, p)
+    if not invert(p, g):
+        g[:] = np.nan
+    row = features.field[features.at[i] + t - features.low[i]]
+    for x in range(3):
+        for a in range(row.shape[1]):
+            link[x, a] = g[x, 0] * row[0, a] + g[x, 1] * row[1, a] + g[x, 2] * row[2, a]
+
+
+@njit(cache=True)
+def _inverse_of(low, n, out):  # type: ignore[no-untyped-def]
+    """Fill `out` (n, n) with the inverse of a lower triangular matrix."""
+    for a in range(n):
+        for b in range(a):
+            s = 0.0
+            for q in range(b, a):
+                s -= low[a, q] * out[q, b]
+            out[a, b] = s / low[a, a]
+        out[a, a] = 1.0 / low[a, a]
+        for b in range(a + 1, n):
+            out[a, b] = 0.0
+
+
+@njit(cache=True)
+def _log_det_left(d, shared, row, column, inverse, given, x):  # type: ignore[no-untyped-def]
+    """Return log det of Cov(y_k | z_j, y), d − `shared` the covariance of y and y_k given z_j.
+
+    With Cov(y | z_j) = L Lᵀ, `inverse` = L⁻¹ and `given` the lower part of Cov(y_k | z_j), that is
+    `given` − (L⁻¹ d)ᵀ (L⁻¹ d), here by its pivots. +∞ where rounding leaves none.
+    """
+    for a in range(RANK):
+        for b in range(RANK):
+            s = 0.0
+            for q in range(a + 1):
+                s += inverse[a, q] * (d[q, b] - shared[row + q, column + b])
+            x[a, b] = s
+    # d now holds what is left, its lower part
+    for a in range(RANK):
+        for b in range(a + 1):
+            s = given[a, b]
+            for q in range(RANK):
+                s -= x[q, a] * x[q, b]
+            d[a, b] = s
+    product = 1.0
+    for b in range(RANK):
+        pivot = d[b, b]
+        if not pivot > 0.0:
+            return np.inf
+        product *= pivot
+        inv = 1.0 / pivot
+        for a in range(b + 1, RANK):
+            f = d[a, b] * inv
+            for c in range(b + 1, a + 1):
+                d[a, c] -= f * d[c, b]
+    return math.log(product)

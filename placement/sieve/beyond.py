@@ -1,0 +1,151 @@
+"""Losses of cameras beyond all that the one before them, and those near it, see.
+
+Whoever came before acts through the car's covariance behind the last sample of those. A class has
+one above, in the Loewner order, that of all its members: a car that knows less gains more, so its
+loss is a lower bound of theirs.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from placement.diagram.order import above, below
+from placement.objectives.windows.filter import put6, row6
+from placement.sieve.classes import CHANGE, EMPTY, FAR, IMPOSSIBLE, NEAR, rounded_down
+from placement.sieve.features import RANK, carry_columns, prior_matrix
+from placement.tempered.crossings import worth
+from placement.tempered.process import predict_ahead
+
+
+@njit(cache=True)
+def fill_beyond(  # type: ignore[no-untyped-def]
+    j, process, cameras, rows, whole, weight, pairs, classes, features, early, beyond, stop,
+    root_of, before, used, camera, losses,
+):  # fmt: skip
+    """Fill the rows of arcs to cameras beyond all that j and its near ones see."""
+    b_before, l_before = before
+    size = stop.shape[1]
+    farthest = beyond
+    for e in range(classes.out_of[j], classes.out_of[j + 1]):
+        k = classes.target[e]
+        if not classes.ahead[e] and cameras.last[k] >= 0:
+            farthest = max(farthest, cameras.first[k])
+    # the car at `beyond` given z_j, and given each class or near camera, too
+    s, p, move = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
+    prior_matrix(process, beyond, s)
+    for x in range(3):
+        for y in range(3):
+            for z in range(size):
+                s[x, y] -= stop[x, z] * stop[y, z]
+    prior_matrix(process, early, move)
+    for t in range(early + 1, beyond + 1):
+        carry_columns(process.f[t], move)  # Cov(x_beyond, x_early)
+    n_before = used.size
+    left = np.empty((n_before, 6))
+    d = np.zeros((3, RANK))
+    for c in range(n_before):
+        p[:] = s
+        known = used[c] > 0
+        if known and c < FAR:
+            for x in range(3):
+                d[x, 3:] = 0.0
+                for a in range(3):
+                    g = root_of[c]
+                    d[x, a] = move[x, 0] * g[0, a] + move[x, 1] * g[1, a] + move[x, 2] * g[2, a]
+        elif known:
+            i = camera[c]
+            at = beyond - features.low[i]
+            known = 0 <= at < features.at[i + 1] - features.at[i]
+            if known:
+                d[:, : used[c]] = features.field[features.at[i] + at]
+        if known:
+            for x in range(3):
+                for a in range(used[c]):
+                    for z in range(size):
+                        d[x, a] -= stop[x, z] * b_before[c, a, z]
+                # by the factor, one after another
+                for a in range(used[c]):
+                    for q in range(a):
+                        d[x, a] -= l_before[c, a, q] * d[x, q]
+                    d[x, a] /= l_before[c, a, a]
+            for x in range(3):
+                for y in range(3):
+                    for a in range(used[c]):
+                        p[x, y] -= d[x, a] * d[y, a]
+        hair = 1.0 + 1e-11
+        put6(
+            left, c,
+            (
+                p[0, 0] + (hair - 1.0) * s[0, 0], p[0, 1], p[0, 2],
+                p[1, 1] + (hair - 1.0) * s[1, 1], p[1, 2], p[2, 2] + (hair - 1.0) * s[2, 2],
+            ),
+        )  # fmt: skip
+    behind = np.full((FAR + NEAR, 6), EMPTY)
+    for c in range(FAR):
+        if used[c] >= 0:
+            put6(behind, c, row6(left, c))
+    _near_classes(j, classes, left, behind)
+    samples = process.prior.shape[0]
+    by = np.empty((samples, 6))
+    for c in range(FAR + NEAR):
+        some = behind[c, 0] != EMPTY
+        if some:
+            put6(by, beyond, row6(behind, c))
+            predict_ahead(process, row6(behind, c), beyond, farthest, by)
+        for e in range(classes.out_of[j], classes.out_of[j + 1]):
+            if classes.ahead[e]:
+                continue
+            k = classes.target[e]
+            at = classes.row_at[e]
+            losses[at] = 0
+            if not some:
+                losses[at + 1 + c] = IMPOSSIBLE
+            elif cameras.last[k] < 0 or not whole[k]:
+                losses[at + 1 + c] = 0
+            else:
+                gain = weight * worth(row6(by, cameras.first[k]), rows[k])
+                losses[at + 1 + c] = rounded_down(np.float64(pairs[j, k]) - gain)
+
+
+@njit(cache=True)
+def _near_classes(j, classes, left, behind):  # type: ignore[no-untyped-def]
+    """Sort j's near cameras by the log det of what they leave; fill rows FAR … of `behind`."""
+    n_near = classes.many[j]
+    if n_near == 0:
+        return
+    key = np.empty(n_near)
+    for c in range(n_near):
+        p = row6(left, FAR + c)
+        det = (
+            p[0] * (p[3] * p[5] - p[4] * p[4])
+            - p[1] * (p[1] * p[5] - p[4] * p[2])
+            + p[2] * (p[1] * p[4] - p[3] * p[2])
+        )
+        key[c] = math.log(max(det, 1e-300))
+    least, most = np.min(key), np.max(key)
+    m, v = np.empty((3, 3)), np.empty((3, 3))
+    for a in range(classes.into[j], classes.into[j + 1]):
+        if classes.near[a]:
+            n = classes.rank[a]
+            c = 0
+            if most > least:
+                c = min(int(NEAR * (key[n] - least) / (most - least)), NEAR - 1)
+            classes.group[a] = 1 + FAR + c
+            merge(behind, FAR + c, row6(left, FAR + n), m, v)
+
+
+@njit(cache=True)
+def merge(kept, at, p, m, v):  # type: ignore[no-untyped-def]
+    """Let covariance `at` of `kept` (c, 6) be above `p` (6,), too."""
+    if kept[at, 0] == EMPTY:
+        put6(kept, at, p)
+        return
+    now = row6(kept, at)
+    if below(p, now, 1.0):
+        return
+    u = p if below(now, p, 1.0) else above(now, p, m, v)
+    f = 1.0 + CHANGE
+    put6(kept, at, (f * u[0], f * u[1], f * u[2], f * u[3], f * u[4], f * u[5]))
