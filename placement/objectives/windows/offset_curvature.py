@@ -61,9 +61,7 @@ class OffsetCurvature:
         inner = np.eye(self.width) + self.prior.T @ told @ self.prior
         half = solve_triangular(np.linalg.cholesky(inner), self.prior.T, lower=True)
         out = np.empty((among.size, among.size))
-        curvature_of(
-            among, self.ptr, self.axes, self.block_ptr, self.blocks, half.T @ half, out
-        )
+        curvature_of(among, self.ptr, self.axes, self.block_ptr, self.blocks, half.T @ half, out)
         return out
 
 

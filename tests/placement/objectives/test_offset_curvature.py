@@ -37,4 +37,6 @@ def test_few_nodes_come_near_where_windows_are_long() -> None:
     exact = OffsetCurvature(drive).at(x, np.arange(6))
     coarse = OffsetCurvature(drive, most_nodes=30)
     assert coarse.every == 2
-    assert coarse.at(x, np.arange(6)) == pytest.approx(exact, abs=0.1 * float(np.max(np.abs(exact))))
+    assert coarse.at(x, np.arange(6)) == pytest.approx(
+        exact, abs=0.1 * float(np.max(np.abs(exact)))
+    )
