@@ -57,6 +57,7 @@ NARROW, WIDE = 4, 48  # labels a camera
 GAIN_S = 1.5e-6  # seconds for each
 KICK_SHARE = 0.05  # of the time left, for rearranging the first placement
 PATH_SHARE = 0.03  # and for polishing a path
+TURN_SHARE = 0.25  # of the time left at the end, for rearranging, then for crossing, in turns
 SHARE_SEARCH = 0.3  # of the time left, for shares that bound the whole line better
 WORTH_IT = 0.8  # go on while a pass leaves fewer than this share of the arcs
 PERSISTENT_SHARES = (1.0, 0.98, 0.95, 0.9, 0.8, 0.6, 0.4)  # with persistent errors
@@ -194,8 +195,8 @@ class Proof:
         state, before = self.objective.state(np.array(self.selected, dtype=np.int64)), -np.inf
         while state.score > before and not self.inner.out_of_time():
             before = state.score
-            self._rearrange(state, 1.0)
-            breed(self.problem, self.inner, state)
+            self._rearrange(state, TURN_SHARE)
+            breed(self.problem, self._for_a_share(TURN_SHARE), state)
         self._offer(np.array(state.selected, dtype=np.int64))
 
     @property
