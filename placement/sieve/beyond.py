@@ -1,29 +1,27 @@
 """Losses of cameras beyond all that the one before them, and those near it, see.
 
-Whoever came before acts through the car's covariance behind the last sample of those. A class has
-one above, in the Loewner order, that of all its members: a car that knows less gains more, so its
-loss is a lower bound of theirs.
+Whoever came before acts through the car's covariance behind the last sample of those; classes have
+that of one of them (`placement.sieve.anchors`).
 """
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numba import njit
 
-from placement.diagram.order import above, below
 from placement.objectives.windows.filter import put6, row6
-from placement.sieve.classes import CHANGE, EMPTY, FAR, IMPOSSIBLE, NEAR, rounded_down
+from placement.sieve.anchors import choose_anchors
+from placement.sieve.classes import EMPTY, FAR, IMPOSSIBLE, NEAR, rounded_down
 from placement.sieve.features import RANK, carry_columns, prior_matrix
+from placement.sieve.given import invert
 from placement.tempered.crossings import worth
 from placement.tempered.process import predict_ahead
 
 
 @njit(cache=True)
 def fill_beyond(  # type: ignore[no-untyped-def]
-    j, process, cameras, rows, whole, weight, pairs, classes, features, early, beyond, stop,
-    root_of, before, used, camera, losses,
+    j, process, cameras, rows, whole, weight, pairs, classes, features, known, early, beyond,
+    stop, root_of, before, used, camera, losses,
 ):  # fmt: skip
     """Fill the rows of arcs to cameras beyond all that j and its near ones see."""
     b_before, l_before = before
@@ -48,20 +46,20 @@ def fill_beyond(  # type: ignore[no-untyped-def]
     d = np.zeros((3, RANK))
     for c in range(n_before):
         p[:] = s
-        known = used[c] > 0
-        if known and c < FAR:
+        tells = used[c] > 0
+        if tells and c < FAR:
             for x in range(3):
                 d[x, 3:] = 0.0
                 for a in range(3):
                     g = root_of[c]
                     d[x, a] = move[x, 0] * g[0, a] + move[x, 1] * g[1, a] + move[x, 2] * g[2, a]
-        elif known:
+        elif tells:
             i = camera[c]
             at = beyond - features.low[i]
-            known = 0 <= at < features.at[i + 1] - features.at[i]
-            if known:
+            tells = 0 <= at < features.at[i + 1] - features.at[i]
+            if tells:
                 d[:, : used[c]] = features.field[features.at[i] + at]
-        if known:
+        if tells:
             for x in range(3):
                 for a in range(used[c]):
                     for z in range(size):
@@ -87,7 +85,7 @@ def fill_beyond(  # type: ignore[no-untyped-def]
     for c in range(FAR):
         if used[c] >= 0:
             put6(behind, c, row6(left, c))
-    _near_classes(j, classes, left, behind)
+    _near_classes(j, pairs, classes, known, left, behind)
     samples = process.prior.shape[0]
     by = np.empty((samples, 6))
     for c in range(FAR + NEAR):
@@ -111,41 +109,37 @@ def fill_beyond(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _near_classes(j, classes, left, behind):  # type: ignore[no-untyped-def]
-    """Sort j's near cameras by the log det of what they leave; fill rows FAR … of `behind`."""
+def _near_classes(j, pairs, classes, known, left, behind):  # type: ignore[no-untyped-def]
+    """Sort j's near cameras by the covariance that they leave; fill rows FAR … of `behind`."""
     n_near = classes.many[j]
-    if n_near == 0:
-        return
-    key = np.empty(n_near)
-    for c in range(n_near):
-        p = row6(left, FAR + c)
-        det = (
-            p[0] * (p[3] * p[5] - p[4] * p[4])
-            - p[1] * (p[1] * p[5] - p[4] * p[2])
-            + p[2] * (p[1] * p[4] - p[3] * p[2])
-        )
-        key[c] = math.log(max(det, 1e-300))
-    least, most = np.min(key), np.max(key)
-    m, v = np.empty((3, 3)), np.empty((3, 3))
+    member, information = np.empty(n_near, np.int64), np.empty((n_near, 6))
+    value, row = np.empty(n_near), np.empty(n_near, np.int64)
+    p, inverse = np.empty((3, 3)), np.zeros((3, 3))
+    n = 0
     for a in range(classes.into[j], classes.into[j + 1]):
-        if classes.near[a]:
-            n = classes.rank[a]
-            c = 0
-            if most > least:
-                c = min(int(NEAR * (key[n] - least) / (most - least)), NEAR - 1)
-            classes.group[a] = 1 + FAR + c
-            merge(behind, FAR + c, row6(left, FAR + n), m, v)
-
-
-@njit(cache=True)
-def merge(kept, at, p, m, v):  # type: ignore[no-untyped-def]
-    """Let covariance `at` of `kept` (c, 6) be above `p` (6,), too."""
-    if kept[at, 0] == EMPTY:
-        put6(kept, at, p)
-        return
-    now = row6(kept, at)
-    if below(p, now, 1.0):
-        return
-    u = p if below(now, p, 1.0) else above(now, p, m, v)
-    f = 1.0 + CHANGE
-    put6(kept, at, (f * u[0], f * u[1], f * u[2], f * u[3], f * u[4], f * u[5]))
+        if not classes.near[a]:
+            continue
+        u = left[FAR + classes.rank[a]]
+        p[0, 0], p[0, 1], p[0, 2] = u[0], u[1], u[2]
+        p[1, 0], p[1, 1], p[1, 2] = u[1], u[3], u[4]
+        p[2, 0], p[2, 1], p[2, 2] = u[2], u[4], u[5]
+        if not invert(p, inverse):
+            continue  # stays where nothing is known
+        i = classes.source[a]
+        member[n], row[n] = a, FAR + classes.rank[a]
+        value[n] = known.into[i] + np.float64(pairs[i, j])
+        put6(
+            information, n,
+            (
+                inverse[0, 0], inverse[0, 1], inverse[0, 2],
+                inverse[1, 1], inverse[1, 2], inverse[2, 2],
+            ),
+        )  # fmt: skip
+        n += 1
+    chosen, group, extra = np.empty(NEAR, np.int64), np.empty(n, np.int64), np.empty(n)
+    found = choose_anchors(information[:n], value[:n], known.spare, NEAR, chosen, group, extra)
+    for c in range(found):
+        behind[FAR + c] = left[row[chosen[c]]]
+    for q in range(n):
+        classes.group[member[q]] = 1 + FAR + group[q] if group[q] >= 0 else 0
+        classes.extra[member[q]] = extra[q]

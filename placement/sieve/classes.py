@@ -19,13 +19,12 @@ from models.geometry import BoolArray, IntArray
 from placement.tempered.paths import Arcs
 from placement.tempered.process import Cameras
 
-FAR, NEAR = 8, 4  # classes by covariance before and behind a camera
+FAR, NEAR = 16, 8  # classes by covariance before and behind a camera
 STEPS = 1024.0  # losses are whole numbers of 1 / STEPS
 IMPOSSIBLE = 65_535  # in place of a loss: no placement worth having goes that way
 EMPTY = -1.0  # in place of a variance: nobody is in a class
 MOST = 65_534
 ROUNDING = 1e-6  # what a mutual information may be off
-CHANGE = 1e-4  # share by which what is merged is larger, or smaller, than it need be
 
 
 class Classes(NamedTuple):
@@ -46,6 +45,7 @@ class Classes(NamedTuple):
     rank: IntArray  # (m,) by target: its number among j's near ones
     many: IntArray  # (n,) how many of those
     group: NDArray[np.uint8]  # (m,) by target: the class for all that is beyond
+    extra: NDArray[np.float32]  # (m,) by target: what it pays to pass for that class
     ahead: BoolArray  # (m,) by source: the target is near
     row_at: IntArray  # (m + 1,) by source, into the losses
 
@@ -81,6 +81,7 @@ def classes_of(arcs: Arcs, cameras: Cameras) -> Classes:
         rank.astype(np.int64),
         many.astype(np.int64),
         np.zeros(len(target), dtype=np.uint8),
+        np.zeros(len(target), dtype=np.float32),
         ahead,
         row_at,
     )

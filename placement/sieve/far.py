@@ -5,31 +5,33 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from placement.diagram.order import below, meet
-from placement.objectives.windows.filter import put6, row6
-from placement.sieve.classes import CHANGE, EMPTY, FAR
+from placement.objectives.windows.filter import put6
+from placement.sieve.anchors import choose_anchors
+from placement.sieve.classes import FAR
+from placement.sieve.features import prior_matrix
+from placement.sieve.given import invert
 from placement.tempered.crossings import after
 from placement.tempered.process import prior_at
 
 
 @njit(cache=True)
-def far_classes(j, process, cameras, rows, pairs, classes, far):  # type: ignore[no-untyped-def]
-    """Sort the far cameras before j into classes by what j gains after them; fill `far` (FAR, 6).
+def far_classes(j, process, cameras, rows, pairs, classes, known, start, far):  # type: ignore[no-untyped-def]
+    """Sort the far cameras before j into classes; fill `far` (FAR, 6).
 
-    What a class takes off the car's covariance P at `early` is below that of all its members, in
-    the Loewner order: Φ (P_l − X) Φᵀ of a camera that leaves X behind its last sample l, Φ the
-    chain's transition from l to `early`. Of covariances themselves the least upper bounds may
-    exceed P, and then say nothing.
+    A class takes D = Φ (P_l − X) Φᵀ off the car's covariance P at `early`: what its anchor does,
+    which leaves X behind its last sample l, Φ the chain's transition from l to `early`. `start`
+    (3, 2 m) is Cov(x_early, z_j) L⁻ᵀ.
     """
     early = classes.early[j]
-    least, most, from_sample = np.inf, -np.inf, early
+    n_far, from_sample = 0, early
     for a in range(classes.into[j], classes.into[j + 1]):
         i = classes.source[a]
+        classes.group[a] = 0
+        classes.extra[a] = 0.0
         if not classes.near[a] and cameras.last[i] >= 0:
-            gain = np.float64(pairs[i, j])
-            least, most = min(least, gain), max(most, gain)
+            n_far += 1
             from_sample = min(from_sample, cameras.last[i])
-    if least > most:
+    if n_far == 0:
         return
     phi = np.empty((early - from_sample + 1, 3, 3))
     phi[early - from_sample] = np.eye(3)
@@ -38,23 +40,52 @@ def far_classes(j, process, cameras, rows, pairs, classes, far):  # type: ignore
         for x in range(3):
             for y in range(3):
                 before[x, y] = now[x, 0] * f[y] + now[x, 1] * f[3 + y] + now[x, 2] * f[6 + y]
-    m, v = np.empty((3, 3)), np.empty((3, 3))
+    p, left, at_p, told = np.empty((3, 3)), np.empty((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
+    prior_matrix(process, early, p)
+    for x in range(3):
+        for y in range(3):
+            left[x, y] = p[x, y]
+            for z in range(start.shape[1]):
+                left[x, y] -= start[x, z] * start[y, z]
+    if not invert(p, at_p) or not invert(left, told):
+        return
+    told -= at_p  # what z_j tells of the state at `early`
+    member, off = np.empty(n_far, np.int64), np.empty((n_far, 6))
+    information, value = np.empty((n_far, 6)), np.empty(n_far)
+    n = 0
     for a in range(classes.into[j], classes.into[j + 1]):
         i = classes.source[a]
-        classes.group[a] = 0
         if classes.near[a] or cameras.last[i] < 0:
             continue
-        c = 0
-        if most > least:
-            c = min(int(FAR * (np.float64(pairs[i, j]) - least) / (most - least)), FAR - 1)
-        classes.group[a] = 1 + c
-        known = after(prior_at(process, cameras.first[i]), rows[i])
+        behind = after(prior_at(process, cameras.first[i]), rows[i])
         at_last = prior_at(process, cameras.last[i])
         d = (
-            at_last[0] - known[0], at_last[1] - known[1], at_last[2] - known[2],
-            at_last[3] - known[3], at_last[4] - known[4], at_last[5] - known[5],
+            at_last[0] - behind[0], at_last[1] - behind[1], at_last[2] - behind[2],
+            at_last[3] - behind[3], at_last[4] - behind[4], at_last[5] - behind[5],
         )  # fmt: skip
-        _keep_below(far, c, moved(phi[cameras.last[i] - from_sample], d), m, v)
+        d = moved(phi[cameras.last[i] - from_sample], d)
+        left[0, 0], left[0, 1], left[0, 2] = p[0, 0] - d[0], p[0, 1] - d[1], p[0, 2] - d[2]
+        left[1, 0], left[1, 1], left[1, 2] = left[0, 1], p[1, 1] - d[3], p[1, 2] - d[4]
+        left[2, 0], left[2, 1], left[2, 2] = left[0, 2], left[1, 2], p[2, 2] - d[5]
+        if not invert(left, at_p):
+            continue  # stays where nothing is known
+        member[n], value[n] = a, known.into[i] + np.float64(pairs[i, j])
+        put6(off, n, d)
+        put6(
+            information, n,
+            (
+                at_p[0, 0] + told[0, 0], at_p[0, 1] + told[0, 1], at_p[0, 2] + told[0, 2],
+                at_p[1, 1] + told[1, 1], at_p[1, 2] + told[1, 2], at_p[2, 2] + told[2, 2],
+            ),
+        )  # fmt: skip
+        n += 1
+    chosen, group, extra = np.empty(FAR, np.int64), np.empty(n, np.int64), np.empty(n)
+    found = choose_anchors(information[:n], value[:n], known.spare, FAR, chosen, group, extra)
+    for c in range(found):
+        far[c] = off[chosen[c]]
+    for q in range(n):
+        classes.group[member[q]] = 1 + group[q]
+        classes.extra[member[q]] = extra[q]
 
 
 @njit(cache=True)
@@ -77,20 +108,3 @@ def moved(phi, d):  # type: ignore[no-untyped-def]
         b0 * phi[2, 0] + b1 * phi[2, 1] + b2 * phi[2, 2],
         c0 * phi[2, 0] + c1 * phi[2, 1] + c2 * phi[2, 2],
     )
-
-
-@njit(cache=True)
-def _keep_below(kept, at, d, m, v):  # type: ignore[no-untyped-def]
-    """Let row `at` of `kept` (c, 6) be below `d` (6,), too."""
-    if kept[at, 0] == EMPTY:
-        put6(kept, at, d)
-        return
-    now = row6(kept, at)
-    if below(now, d, 1.0):
-        return
-    if not below(d, now, 1.0):
-        nothing = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        both = meet(now, d, nothing, m, v)
-        d = both if both[0] > 0.0 else meet(d, now, nothing, m, v)
-    f = 1.0 - CHANGE
-    put6(kept, at, (f * d[0], f * d[1], f * d[2], f * d[3], f * d[4], f * d[5]))

@@ -33,13 +33,14 @@ from placement.sieve.given import as_measurement, camera_given, class_given, sta
 class Known(NamedTuple):
     """What first-order paths at a price bring: into each camera (n,), beyond it, and are worth.
 
-    Two arcs whose best path falls short of `need` lose everything.
+    Two arcs whose best path falls short of `need` lose everything; `spare` is what paths may waste.
     """
 
     price: float
     into: FloatArray
     beyond: FloatArray
     need: float
+    spare: float
 
 
 @njit(cache=True, parallel=True)
@@ -70,9 +71,6 @@ def _losses_after(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     n_near = classes.many[j]
     early, beyond = classes.early[j], classes.beyond[j]
-    # the classes far away, as measurements of the state at `early`
-    far = np.full((FAR, 6), EMPTY)
-    far_classes(j, process, cameras, rows, pairs, classes, far)
     # all of z_j, by a Cholesky factor of its covariance
     size = 0
     if cameras.last[j] >= 0:
@@ -85,6 +83,9 @@ def _losses_after(  # type: ignore[no-untyped-def]
     start, stop = np.empty((3, size)), np.empty((3, size))
     state_given(process, cameras, j, early, root, start)
     state_given(process, cameras, j, beyond, root, stop)
+    # the classes far away, as measurements of the state at `early`
+    far = np.full((FAR, 6), EMPTY)
+    far_classes(j, process, cameras, rows, pairs, classes, known, start, far)
     # what each class and each near camera is, given z_j: rows of B and a factor of its covariance;
     # `used` rows, 0 where nothing is known, −1 where there is no such class
     n_before = FAR + n_near
@@ -108,8 +109,8 @@ def _losses_after(  # type: ignore[no-untyped-def]
                 used[c] = RANK
                 factor(before[1][c], RANK)
     fill_beyond(
-        j, process, cameras, rows, whole, weight, pairs, classes, features, early, beyond, stop,
-        root_of, before, used, camera, losses,
+        j, process, cameras, rows, whole, weight, pairs, classes, features, known, early, beyond,
+        stop, root_of, before, used, camera, losses,
     )  # fmt: skip
     fill_ahead(
         j, process, cameras, whole, kind, weight, pairs, classes, features, meeting, known, early,

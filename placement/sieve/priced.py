@@ -2,7 +2,7 @@
 
 The value V(e) of an arc e = j → k is that of the best path that ends with it: over the classes c
 of cameras before j, V_c + g(k | j) − loss(e, c) − price, V_c the best of the arcs into j of that
-class.
+class, with what they pay to pass for it.
 One pass takes as long as there are losses, for all budgets at once.
 """
 
@@ -27,7 +27,7 @@ def forward(pairs, alone, classes, losses, price, values):  # type: ignore[no-un
         best[0] = alone[j] - price
         for a in range(classes.into[j], classes.into[j + 1]):
             v = values[classes.place[a]]
-            best[classes.group[a]] = max(best[classes.group[a]], v)
+            best[classes.group[a]] = max(best[classes.group[a]], v + classes.extra[a])
             if classes.near[a]:
                 one[classes.rank[a]] = v
         for e in range(begin, end):
@@ -74,7 +74,7 @@ def backward(pairs, may_end, classes, losses, price, values):  # type: ignore[no
                     if losses[at + c] != IMPOSSIBLE:
                         best[c] = max(best[c], v - losses[at + c] / STEPS)
         for a in range(classes.into[j], classes.into[j + 1]):
-            v = best[classes.group[a]]
+            v = best[classes.group[a]] + classes.extra[a]
             if classes.near[a]:
                 v = max(v, one[classes.rank[a]])
             values[classes.place[a]] = v

@@ -24,6 +24,7 @@ from placement.tempered.bound import Line, Tempered
 from placement.tempered.diagram import last_worth
 
 NODES = 64  # cameras between two looks at the clock
+SPARE = 1.0  # prices that a path may waste and still be told apart from others
 PRICES = 8  # tried at most
 PASS_S = 2.5e-9  # seconds a loss takes in a pass over paths
 
@@ -40,8 +41,10 @@ class Sieve:
     classes: Classes = field(init=False)
     losses: NDArray[np.uint16] = field(init=False)
     price: float = field(init=False)
-    values: FloatArray = field(init=False)
+    values: FloatArray = field(init=False)  # (m,) the best path that ends with each arc
+    behind: FloatArray = field(init=False)  # (m,) and what may follow it
     least: float = field(init=False)
+    beyond: FloatArray = field(init=False)  # (n,) the most that follows each camera at the price
 
     def __post_init__(self) -> None:
         """Compute all losses and find the price that bounds best."""
@@ -52,7 +55,7 @@ class Sieve:
         need = first.threshold(self.beat) - first.budget * price
         beyond = states.priced_beyond(first.pairs, first.ends, price)
         into = priced_into(first.pairs, first.alone, price)
-        known = Known(price, into, beyond, need)
+        known = Known(price, into, beyond, need, SPARE * max(price, 1e-9))
         self.classes = classes = classes_of(paths.lay_out(line.alive), d.narrow)
         self.losses = np.zeros(int(classes.row_at[-1]), dtype=np.uint16)
         features = features_of(d.process, d.narrow, RANK)
@@ -69,6 +72,10 @@ class Sieve:
                 features, meeting, known, np.arange(begin, min(begin + NODES, n)), self.losses,
             )  # fmt: skip
         self._find_price(price)
+        self.behind = np.full(len(classes.target), -np.inf)
+        priced.backward(first.pairs, first.ends, classes, self.losses, self.price, self.behind)
+        self.beyond = first.ends.copy()
+        np.maximum.at(self.beyond, classes.target, self.behind)
 
     def _find_price(self, price: float) -> None:
         """Halve the interval that holds the best price, by how long the best path is."""
@@ -127,7 +134,9 @@ class Sieve:
             if classes.ahead[e]:
                 column = np.where(classes.near[into], 1 + FAR + classes.rank[into], column)
             loss = np.where(row[column] == IMPOSSIBLE, np.inf, row[column] / STEPS)
+            alone = classes.near[into] & classes.ahead[e]
             via = values[classes.place[into]] - loss
+            via = np.where(alone, via, via + classes.extra[into])
             if not via.size or via.max() < first.alone[j] - price:
                 return np.array(found[::-1], dtype=np.int64)
             e = int(classes.place[into[np.argmax(via)]])
@@ -135,10 +144,8 @@ class Sieve:
     def survivors(self, beat: float) -> Line:
         """Return the line without the candidates and arcs that no placement above `beat` uses."""
         first, classes = self.first, self.classes
-        behind = np.full(len(classes.target), -np.inf)
-        priced.backward(first.pairs, first.ends, classes, self.losses, self.price, behind)
         least = first.threshold(beat) - first.budget * self.price
-        good = self.values + behind >= least
+        good = self.values + self.behind >= least
         alive: BoolArray = np.zeros_like(first.line.alive)
         source = np.repeat(np.arange(len(first.alone)), np.diff(classes.out_of))
         alive[source[good], classes.target[good]] = True

@@ -48,8 +48,8 @@ THINNED = 600  # candidates of a thinned line
 FIRST_ORDER_PASSES = 5
 SECOND_ORDER_PASSES = 8
 SIEVE_PASSES = 6
-MOST_LOSSES = 1_000_000_000  # of two bytes
-LOSS_S = 2.2e-7  # processor seconds for each
+MOST_LOSSES = 1_200_000_000  # of two bytes
+LOSS_S = 1.8e-7  # processor seconds for each
 SIEVE_SHARE = 0.8  # of the time left, that a pass may take
 LABEL_PASSES = 12
 MOST_GAINS = 20_000_000  # gains of a diagram: with its tables, some 200 MB
@@ -107,6 +107,8 @@ class Proof:
     stats: dict[str, Any] = field(default_factory=dict)
     inner: Run = field(init=False)
     background: list[FloatArray] = field(init=False)
+    # by share: candidates, a price, and what may come beyond each of them
+    _beyond: dict[float, tuple[IntArray, float, FloatArray | None]] = field(default_factory=dict)
     _whole: Tempered | None = None  # the last first order over more arcs than there is room for
 
     def work(self) -> bool:
@@ -290,6 +292,7 @@ class Proof:
             bound = sieve.bound()
             self._bounded(f"tempered chain, classes, share {share:.4g}", bound)
             self._try_path(sieve.path())
+            self._beyond[share] = line.candidate, sieve.price, sieve.beyond
             line = sieve.survivors(self.score)
             self._left(line)
             if self._closed() or line.candidate.size == 0 or bound >= best:
@@ -302,7 +305,7 @@ class Proof:
         """Bound by gains given all that came before, and thin out the line."""
         low = float(self.stats.get("share", 1.0))
         shares = sorted({low, (low + 1.0) / 2})
-        known: dict[float, tuple[IntArray, float, FloatArray | None]] = {}
+        known = self._beyond
         stuck = 0
         for number in range(LABEL_PASSES):
             before = int(line.alive.sum())
