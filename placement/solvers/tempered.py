@@ -17,23 +17,20 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
-from numba import get_num_threads
 
 from models.geometry import FloatArray, IntArray
 from placement.bounds.concave import best_fraction
 from placement.bounds.concave_tree import split_until
-from placement.objectives.base import State
 from placement.objectives.entropy import Entropy
 from placement.problem import Problem, Run
-from placement.sieve.sieve import Sieve, losses_of
+from placement.sieve.passes import sift
+from placement.sieve.sieve import Sieve
 from placement.solution import Proposal, Status
-from placement.solvers.crossing import breed, meet
 from placement.solvers.exchange import polish
-from placement.solvers.greedy import best_addition, climb
-from placement.solvers.search import rearrange
+from placement.solvers.greedy import climb
+from placement.solvers.incumbent import Incumbent
 from placement.tempered.background import background_of, stand_in
 from placement.tempered.bound import Line, SecondOrder, Tempered, make_line
 from placement.tempered.diagram import Diagram
@@ -47,17 +44,12 @@ SHARES = (1.0, 0.95, 0.9, 0.8, 0.7, 0.6, 0.5, 0.35)
 THINNED = 600  # candidates of a thinned line
 FIRST_ORDER_PASSES = 5
 SECOND_ORDER_PASSES = 8
-SIEVE_PASSES = 6
-MOST_LOSSES = 1_200_000_000  # of two bytes
-LOSS_S = 1.8e-7  # processor seconds for each
-SIEVE_SHARE = 0.8  # of the time left, that a pass may take
+LONG_S = 5.0  # a first-order pass that takes longer is left to the sieve to improve on
 LABEL_PASSES = 12
 MOST_GAINS = 20_000_000  # gains of a diagram: with its tables, some 200 MB
 NARROW, WIDE = 4, 48  # labels a camera
 GAIN_S = 1.5e-6  # seconds for each
 KICK_SHARE = 0.05  # of the time left, for rearranging the first placement
-PATH_SHARE = 0.03  # and for polishing a path
-TURN_SHARE = 0.25  # of the time left at the end, for rearranging, then for crossing, in turns
 SHARE_SEARCH = 0.3  # of the time left, for shares that bound the whole line better
 WORTH_IT = 0.8  # go on while a pass leaves fewer than this share of the arcs
 PERSISTENT_SHARES = (1.0, 0.98, 0.95, 0.9, 0.8, 0.6, 0.4)  # with persistent errors
@@ -68,8 +60,6 @@ SPLIT_WITHIN = 0.005  # of the score: a relaxation as near as this is branched o
 SPLIT_SHARE = 0.8  # for this share of the time left: chains come nowhere near it
 MOST_PAIRS = 5e8  # bytes of first-order gains; a line longer than 11,000 is not bounded by chains
 MOST_TRIPLES = 250_000_000  # second-order gains held at one time: 1 GB
-DONE = 1e-7  # relative gap that counts as closed: a tenth of what `optimal` asks for
-LEAVE_TIME_S = 0.3
 
 
 def solve_tempered(problem: Problem, run: Run) -> Proposal:
@@ -96,16 +86,9 @@ def solve_tempered(problem: Problem, run: Run) -> Proposal:
 
 
 @dataclass(slots=True)
-class Proof:
-    """The incumbent, the best bound and what each stage has proven."""
+class Proof(Incumbent):
+    """The stages of a proof, one after another."""
 
-    problem: Problem
-    objective: Entropy
-    run: Run
-    selected: list[int] = field(default_factory=list)
-    score: float = -np.inf
-    stats: dict[str, Any] = field(default_factory=dict)
-    inner: Run = field(init=False)
     background: list[FloatArray] = field(init=False)
     # by share: candidates, a price, and what may come beyond each of them
     _beyond: dict[float, tuple[IntArray, float, FloatArray | None]] = field(default_factory=dict)
@@ -114,40 +97,30 @@ class Proof:
     def work(self) -> bool:
         """Go through the stages; return whether there is nothing left that time could improve."""
         run = self.run
-        self.inner = Run(run.rng, deadline=run.deadline - LEAVE_TIME_S)
         state, _, _ = climb(self.problem, run)
         polish(self.problem, run, state)
-        self._rearrange(state, KICK_SHARE)
+        self.rearrange(state, KICK_SHARE)
         self.stats["bounds"] = {}
-        self._offer(np.array(state.selected, dtype=np.int64))
-        self._bounded("greedy", np.inf if run.score_bound is None else run.score_bound)
+        self.offer(np.array(state.selected, dtype=np.int64))
+        self.bounded("greedy", np.inf if run.score_bound is None else run.score_bound)
         line = self._relax()
-        if self._closed() or self.problem.constraints.budget == 0:
+        if self.closed() or self.problem.constraints.budget == 0:
             return True
         if line is None:
             return not run.out_of_time()
         line = self._first_order(line, SHARES if self.white else PERSISTENT_SHARES)
-        if self._closed() or self.problem.constraints.budget < 2:
+        if self.closed() or self.problem.constraints.budget < 2:
             return True
         line = self._sieve(line)
-        if self._closed():
+        if self.closed():
             return True
         line = self._diagrams(line)
-        if self._closed():
+        if self.closed():
             return True
         finished = self._second_order(line)
         if not finished:
-            self._use_what_is_left()
+            self.use_what_is_left()
         return finished
-
-    def _rearrange(self, state: State, share: float) -> None:
-        """Move cameras of one stretch together, for a share of the time (see `solvers.search`)."""
-        rearrange(self.problem, self._for_a_share(share), state)
-
-    def _for_a_share(self, share: float) -> Run:
-        """Return a run of its own for a share of the time left."""
-        limit = time.monotonic() + share * min(self.inner.remaining(), 1e3)
-        return Run(self.run.rng, min(limit, self.inner.deadline), self.run.progress)
 
     def _relax(self) -> Line | None:
         """Bound by the concave relaxation; return who is left, None where chains cannot go."""
@@ -155,12 +128,12 @@ class Proof:
         choice = undominated(self.objective, constraints)
         self.run.progress("solving the concave relaxation", None)
         relaxation = self.inner
-        longer = self._for_a_share(LONGER_SHARE).deadline
+        longer = self.for_a_share(LONGER_SHARE).deadline
         if not self.white:
-            relaxation = self._for_a_share(RELAXED_SHARE)
+            relaxation = self.for_a_share(RELAXED_SHARE)
 
         def report(bound: float) -> None:
-            self._bounded("relaxation", bound)
+            self.bounded("relaxation", bound)
             if bound - self.score < PROMISING * self.score:
                 relaxation.deadline = max(relaxation.deadline, longer)
 
@@ -177,10 +150,10 @@ class Proof:
                 self.objective,
                 choice,
                 found.x,
-                self._for_a_share(SPLIT_SHARE),
+                self.for_a_share(SPLIT_SHARE),
                 beat=self.score,
-                report=lambda bound: self._bounded("relaxation, branched", bound),
-                offer=self._offer,
+                report=lambda bound: self.bounded("relaxation, branched", bound),
+                offer=self.offer,
             )
         left = np.flatnonzero(found.choice.allowed)
         self.stats["candidates_after_relaxation"] = int(left.size)
@@ -191,15 +164,6 @@ class Proof:
             y = best_fraction(white, choice, self.inner, tolerance=1e-3).x
         self.background = background_of(white, y)
         return make_line(self.objective, constraints, left)
-
-    def _use_what_is_left(self) -> None:
-        """Rearrange the placement and cross it with others, while that helps and there is time."""
-        state, before = self.objective.state(np.array(self.selected, dtype=np.int64)), -np.inf
-        while state.score > before and not self.inner.out_of_time():
-            before = state.score
-            self._rearrange(state, TURN_SHARE)
-            breed(self.problem, self._for_a_share(TURN_SHARE), state)
-        self._offer(np.array(state.selected, dtype=np.int64))
 
     @property
     def white(self) -> bool:
@@ -214,7 +178,7 @@ class Proof:
     def _first_order(self, line: Line, shares: tuple[float, ...]) -> Line:
         """Bound by first-order chains at the shares that bound best, and thin out the line."""
         share, seconds = self._best_share(line, shares)
-        if self._sieves:
+        if self._sieves and seconds * line.candidate.size**2 > LONG_S:
             share = (1.0 + share) / 2  # what suits the sieve, which has the last word, is nearer 1
         for _ in range(FIRST_ORDER_PASSES):
             n = line.candidate.size
@@ -223,15 +187,17 @@ class Proof:
             before = int(line.alive.sum())
             started = time.monotonic()
             bound = self._chain(line, share)
-            if self._closed():
+            if self.closed():
                 return line
             line = bound.survivors(self.score)
             if time.monotonic() - started < 1.0:
                 break
-            if self._sieves and self._triples(line) > MOST_TRIPLES:
+            many = self._sieves and self._triples(line) > MOST_TRIPLES
+            useless = line.alive.sum() > WORTH_IT * before
+            if many and (useless or time.monotonic() - started > LONG_S):
                 self._whole = bound
                 break
-            if line.alive.sum() > WORTH_IT * before:
+            if useless:
                 share, line = self._nearer_share(line, share, bound.bound())
                 break
             near = [s for s in (share - 0.05, share, share + 0.05, (1.0 + share) / 2) if s <= 1.0]
@@ -243,8 +209,8 @@ class Proof:
     def _chain(self, line: Line, share: float) -> Tempered:
         """Bound a line to first order, and try its best path."""
         bound = self._tempered(line, share)
-        self._bounded(f"tempered chain, first order, share {share:g}", bound.bound())
-        self._try_path(bound.path())
+        self.bounded(f"tempered chain, first order, share {share:g}", bound.bound())
+        self.try_path(bound.path())
         return bound
 
     def _nearer_share(self, line: Line, share: float, bound: float) -> tuple[float, Line]:
@@ -264,41 +230,37 @@ class Proof:
             return chain.bound()
 
         def may_go_on() -> bool:
-            return not self._closed() and time.monotonic() + took < until
+            return not self.closed() and time.monotonic() + took < until
 
         return better_share(share, bound, evaluate, may_go_on), line
 
     def _sieve(self, line: Line) -> Line:
-        """Bound by second-order chains over classes, and thin out the line.
+        """Thin out a line with more pairs of arcs than the second order has room for."""
+        if not self._sieves:
+            return line
 
-        Where so many arcs are left that the second order has no room for their pairs.
-        """
-        share = float(self.stats.get("share", 1.0))
-        known, best = self._whole, np.inf
-        for _ in range(SIEVE_PASSES if self._sieves else 0):
-            if self._triples(line) <= MOST_TRIPLES:
-                break
+        def first_order(line: Line, share: float) -> Tempered:
+            known, self._whole = self._whole, None
             if known is not None and known.theta == share and known.covers(line):
-                first = known.over(line)
-            else:
-                first = self._tempered(line, share)
-            self._whole = known = None
-            many = losses_of(first)
-            seconds = LOSS_S * many / get_num_threads()
-            if many > MOST_LOSSES or seconds > SIEVE_SHARE * self.inner.remaining():
-                break
-            self.run.progress(f"{many} losses by class, share {share:.4g}", None)
-            sieve = Sieve(first, self.score)
-            bound = sieve.bound()
-            self._bounded(f"tempered chain, classes, share {share:.4g}", bound)
-            self._try_path(sieve.path())
-            self._beyond[share] = line.candidate, sieve.price, sieve.beyond
-            line = sieve.survivors(self.score)
-            self._left(line)
-            if self._closed() or line.candidate.size == 0 or bound >= best:
-                break
-            best, self.stats["share"] = bound, share
-            share = (1.0 + share) / 2
+                return known.over(line)
+            return self._tempered(line, share)
+
+        def report(sieve: Sieve, share: float) -> bool:
+            self.bounded(f"tempered chain, classes, share {share:.4g}", sieve.bound())
+            self.try_path(sieve.path())
+            self._beyond[share] = sieve.first.line.candidate, sieve.price, sieve.beyond
+            return self.closed()
+
+        line, self.stats["share"] = sift(
+            line,
+            float(self.stats.get("share", 1.0)),
+            first_order,
+            lambda: self.score,
+            report,
+            lambda left: self._triples(left) <= MOST_TRIPLES,
+            self.inner,
+        )
+        self._left(line)
         return line
 
     def _diagrams(self, line: Line) -> Line:
@@ -320,11 +282,11 @@ class Proof:
             first = self._tempered(line, share)
             diagram = Diagram(first, width, self.score, price=price, beyond=beyond)
             known[share] = line.candidate, diagram.price, diagram.beyond
-            self._bounded(f"tempered diagram, share {share:g}", diagram.bound())
-            self._try_path(diagram.path())
+            self.bounded(f"tempered diagram, share {share:g}", diagram.bound())
+            self.try_path(diagram.path())
             line = diagram.survivors(self.score)
             self._left(line)
-            if self._closed() or line.candidate.size == 0:
+            if self.closed() or line.candidate.size == 0:
                 break
             stuck = stuck + 1 if line.alive.sum() > WORTH_IT * before else 0
         return line
@@ -342,16 +304,16 @@ class Proof:
             share = shares[number % len(shares)]
             second = SecondOrder(self._tempered(line, share), self.score)
             bound = second.bound()
-            self._bounded(f"tempered chain, second order, share {share:g}", bound)
+            self.bounded(f"tempered chain, second order, share {share:g}", bound)
             if best is None or bound < best[0]:
                 best = bound, share
-            self._try_path(second.path())
-            if self._closed():
+            self.try_path(second.path())
+            if self.closed():
                 return True
             line = second.survivors(self.score)
             self._left(line)
             if line.candidate.size == 0:
-                self._bounded("tempered chain, nothing left", self.score)
+                self.bounded("tempered chain, nothing left", self.score)
                 return True
             if number + 1 >= len(shares) and line.alive.sum() > WORTH_IT * before:
                 break
@@ -363,7 +325,7 @@ class Proof:
             second = SecondOrder(self._tempered(line, other), self.score)
             width = min(WIDE, MOST_GAINS // max(int(line.alive.sum()), 1))
             diagram = Diagram(second.first, width, self.score, second)
-            self._bounded(f"tempered diagram, second order, share {other:g}", diagram.bound())
+            self.bounded(f"tempered diagram, second order, share {other:g}", diagram.bound())
             candidates.append((diagram.bound(), other, diagram))
         _, share, diagram = min(candidates, key=lambda entry: entry[:2])
         self.stats["search_share"] = share
@@ -373,8 +335,8 @@ class Proof:
             self.problem.constraints,
             self.inner,
             lambda: self.score,
-            self._offer,
-            lambda bound: self._bounded("search", bound),
+            self.offer,
+            lambda bound: self.bounded("search", bound),
         )
 
     def _best_share(self, line: Line, shares: tuple[float, ...]) -> tuple[float, float]:
@@ -416,61 +378,3 @@ class Proof:
     def _left(self, line: Line) -> None:
         self.stats["candidates_left"] = int(line.candidate.size)
         self.stats["arcs_left"] = int(line.alive.sum())
-
-    def _try_path(self, path: IntArray) -> None:
-        """Polish the placement nearest to a path, if there is one, and keep it if it is better."""
-        if self.inner.out_of_time():
-            return
-        path = self._mended(path)
-        if self.problem.constraints.violations(path):
-            return
-        state = self.objective.state(np.sort(path))
-        polish(self.problem, self._for_a_share(PATH_SHARE), state)
-        meet(self.problem, self._for_a_share(PATH_SHARE), state, self.selected)
-        self._offer(np.array(state.selected, dtype=np.int64))
-
-    def _mended(self, path: IntArray) -> IntArray:
-        """Return a path without all but the first camera of each group, filled up greedily."""
-        constraints = self.problem.constraints
-        group = constraints.group[path]
-        _, first = np.unique(group, return_index=True)
-        kept = np.union1d(path[first], path[group < 0])
-        if kept.size == path.size:
-            return path
-        state = self.objective.state(kept)
-        while len(state.selected) < constraints.budget and not self.inner.out_of_time():
-            added = best_addition(self.problem, state)
-            if added is None:
-                break
-            state.add(added)
-        return np.array(state.selected, dtype=np.int64)
-
-    def _offer(self, selected: IntArray) -> None:
-        """Keep `selected` if it is a placement and better than the incumbent."""
-        if self.problem.constraints.violations(selected):
-            return
-        score = self.objective.value(selected)
-        if score > self.score:
-            self.score = score
-            self.selected = [int(i) for i in np.sort(selected)]
-            self.run.incumbent = self.selected
-
-    def _bounded(self, stage: str, bound: float) -> None:
-        """Note what a stage has proven: nothing beats both the incumbent and `bound`."""
-        # logarithms of numbers near 1 are off by an ulp of 1 each, however small their sum
-        samples = sum(drive.weight * drive.information.n_samples for drive in self.objective.drives)
-        slack = 4.0 * np.finfo(np.float64).eps * samples if bound > 0.0 else 0.0
-        bound = max(float(bound) + slack, self.score)
-        known = self.stats["bounds"].get(stage, np.inf)
-        self.stats["bounds"][stage] = min(known, bound)
-        if self.run.score_bound is None or bound <= self.run.score_bound:
-            first = "bound_from" not in self.stats
-            if first or self.run.score_bound is None or bound < self.run.score_bound:
-                self.stats["bound_from"] = stage
-            self.run.score_bound = bound
-        gap = (self.run.score_bound - self.score) / max(abs(self.score), 1e-300)
-        self.run.progress(f"{stage}: score {self.score:.6g}, gap {100.0 * gap:.3g} %", None)
-
-    def _closed(self) -> bool:
-        bound = self.run.score_bound
-        return bound is not None and bound - self.score <= DONE * abs(self.score)
