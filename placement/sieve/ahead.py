@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numba import njit
 
-from placement.sieve.classes import FAR, IMPOSSIBLE, rounded_down
+from placement.sieve.classes import IMPOSSIBLE, rounded_down
 from placement.sieve.features import RANK, factor, prior_matrix
 from placement.sieve.given import camera_given, invert
 
@@ -27,6 +27,7 @@ def fill_ahead(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Fill the rows of arcs to cameras that see what j or its near ones see."""
     b_before, l_before = before
+    n_far = classes.n_far
     size, rank = root.shape[0], features.spread.shape[1]
     begin, end = classes.out_of[j], classes.out_of[j + 1]
     n_before = used.size
@@ -69,7 +70,7 @@ def fill_ahead(  # type: ignore[no-untyped-def]
                 np.dot(rows[c * rank : stop * rank], b_ahead[block], some)
         from_row = c % BLOCK * rank
         i, reached, q, q_end = -1, -np.inf, 0, 0
-        if c >= FAR:
+        if c >= n_far:
             i = camera[c]
             reached = known.into[i] + np.float64(pairs[i, j]) - 2.0 * known.price
             q, q_end = meeting.at[i], meeting.at[i + 1]
@@ -84,7 +85,7 @@ def fill_ahead(  # type: ignore[no-untyped-def]
             if used[c] < 0:
                 losses[at] = IMPOSSIBLE
                 continue
-            if c >= FAR:
+            if c >= n_far:
                 worthless = reached + np.float64(pairs[j, k]) + known.beyond[k] < known.need
                 if worthless or (kind[i] >= 0 and kind[i] == kind[k]):
                     losses[at] = IMPOSSIBLE
@@ -92,7 +93,7 @@ def fill_ahead(  # type: ignore[no-untyped-def]
             losses[at] = 0
             if used[c] == 0 or not usable[u]:
                 continue
-            if c < FAR:
+            if c < n_far:
                 place = early - features.low[k]
                 if place < 0 or place >= features.at[k + 1] - features.at[k]:
                     continue

@@ -21,7 +21,8 @@ from placement.diagram.order import by_root, jacobi
 from placement.objectives.windows.filter import row6
 
 LARGEST = 1e8  # of eigenvalues that are worth having
-HAIR = 1e-6  # added to what a member pays, for rounding to float32
+QUICK = 100.0  # up to this the quick eigenvalues are off by no more than a hair
+HAIR = 1e-5  # added to what a member pays, for rounding to float32
 
 
 @njit(cache=True)
@@ -62,10 +63,14 @@ def choose_anchors(information, value, spare, most, chosen, group, extra):  # ty
                 useful, _ = by_root(row6(information, i), anchor, LARGEST, m)
                 if not useful:
                     continue
-                jacobi(m, v)
                 pays, apart = 0.1 * HAIR, 0.0
-                for k in range(3):
-                    distance = math.log(max(m[k, k], 1.0 / LARGEST))
+                if m[0, 0] + m[1, 1] + m[2, 2] > QUICK:
+                    jacobi(m, v)
+                    found_three = m[0, 0], m[1, 1], m[2, 2]
+                else:
+                    found_three = eigenvalues(m)
+                for eigenvalue in found_three:
+                    distance = math.log(max(eigenvalue, 1.0 / LARGEST))
                     pays += max(distance, 0.0) * (1.0 + HAIR)
                     apart += abs(distance)
             if value[i] + apart < looks[i]:
@@ -75,3 +80,19 @@ def choose_anchors(information, value, spare, most, chosen, group, extra):  # ty
             # an anchor stands for itself, whatever its covariance
             looks[a], group[a], extra[a], apart_from[a] = value[a], c, 0.0, 0.0
     return found
+
+
+@njit(cache=True)
+def eigenvalues(m):  # type: ignore[no-untyped-def]
+    """Return the eigenvalues of a symmetric 3×3 matrix, to 1e-8 of the largest (Smith 1961)."""
+    q = (m[0, 0] + m[1, 1] + m[2, 2]) / 3.0
+    a, b, c = m[0, 0] - q, m[1, 1] - q, m[2, 2] - q
+    d, e, f = m[0, 1], m[0, 2], m[1, 2]
+    p = math.sqrt((a * a + b * b + c * c + 2.0 * (d * d + e * e + f * f)) / 6.0)
+    if p <= 1e-15 * abs(q):
+        return q, q, q
+    det = a * (b * c - f * f) - d * (d * c - f * e) + e * (d * f - b * e)
+    angle = math.acos(min(max(0.5 * det / (p * p * p), -1.0), 1.0)) / 3.0
+    most = q + 2.0 * p * math.cos(angle)
+    least = q + 2.0 * p * math.cos(angle + 2.0 * math.pi / 3.0)
+    return most, 3.0 * q - most - least, least

@@ -11,7 +11,7 @@ from numba import njit
 
 from placement.objectives.windows.filter import put6, row6
 from placement.sieve.anchors import choose_anchors
-from placement.sieve.classes import EMPTY, FAR, IMPOSSIBLE, NEAR, rounded_down
+from placement.sieve.classes import EMPTY, IMPOSSIBLE, rounded_down
 from placement.sieve.features import RANK, carry_columns, prior_matrix
 from placement.sieve.given import invert
 from placement.tempered.crossings import worth
@@ -25,6 +25,7 @@ def fill_beyond(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Fill the rows of arcs to cameras beyond all that j and its near ones see."""
     b_before, l_before = before
+    n_far, n_beyond = classes.n_far, classes.n_beyond
     size = stop.shape[1]
     farthest = beyond
     for e in range(classes.out_of[j], classes.out_of[j + 1]):
@@ -47,7 +48,7 @@ def fill_beyond(  # type: ignore[no-untyped-def]
     for c in range(n_before):
         p[:] = s
         tells = used[c] > 0
-        if tells and c < FAR:
+        if tells and c < n_far:
             for x in range(3):
                 d[x, 3:] = 0.0
                 for a in range(3):
@@ -81,14 +82,14 @@ def fill_beyond(  # type: ignore[no-untyped-def]
                 p[1, 1] + (hair - 1.0) * s[1, 1], p[1, 2], p[2, 2] + (hair - 1.0) * s[2, 2],
             ),
         )  # fmt: skip
-    behind = np.full((FAR + NEAR, 6), EMPTY)
-    for c in range(FAR):
+    behind = np.full((n_far + n_beyond, 6), EMPTY)
+    for c in range(n_far):
         if used[c] >= 0:
             put6(behind, c, row6(left, c))
     _near_classes(j, pairs, classes, known, left, behind)
     samples = process.prior.shape[0]
     by = np.empty((samples, 6))
-    for c in range(FAR + NEAR):
+    for c in range(n_far + n_beyond):
         some = behind[c, 0] != EMPTY
         if some:
             put6(by, beyond, row6(behind, c))
@@ -110,8 +111,8 @@ def fill_beyond(  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _near_classes(j, pairs, classes, known, left, behind):  # type: ignore[no-untyped-def]
-    """Sort j's near cameras by the covariance that they leave; fill rows FAR … of `behind`."""
-    n_near = classes.many[j]
+    """Sort j's near cameras by the covariance that they leave; fill the last rows of `behind`."""
+    n_near, n_far, n_beyond = classes.many[j], classes.n_far, classes.n_beyond
     member, information = np.empty(n_near, np.int64), np.empty((n_near, 6))
     value, row = np.empty(n_near), np.empty(n_near, np.int64)
     p, inverse = np.empty((3, 3)), np.zeros((3, 3))
@@ -119,14 +120,14 @@ def _near_classes(j, pairs, classes, known, left, behind):  # type: ignore[no-un
     for a in range(classes.into[j], classes.into[j + 1]):
         if not classes.near[a]:
             continue
-        u = left[FAR + classes.rank[a]]
+        u = left[n_far + classes.rank[a]]
         p[0, 0], p[0, 1], p[0, 2] = u[0], u[1], u[2]
         p[1, 0], p[1, 1], p[1, 2] = u[1], u[3], u[4]
         p[2, 0], p[2, 1], p[2, 2] = u[2], u[4], u[5]
         if not invert(p, inverse):
             continue  # stays where nothing is known
         i = classes.source[a]
-        member[n], row[n] = a, FAR + classes.rank[a]
+        member[n], row[n] = a, n_far + classes.rank[a]
         value[n] = known.into[i] + np.float64(pairs[i, j])
         put6(
             information, n,
@@ -136,10 +137,10 @@ def _near_classes(j, pairs, classes, known, left, behind):  # type: ignore[no-un
             ),
         )  # fmt: skip
         n += 1
-    chosen, group, extra = np.empty(NEAR, np.int64), np.empty(n, np.int64), np.empty(n)
-    found = choose_anchors(information[:n], value[:n], known.spare, NEAR, chosen, group, extra)
+    chosen, group, extra = np.empty(n_beyond, np.int64), np.empty(n, np.int64), np.empty(n)
+    found = choose_anchors(information[:n], value[:n], known.spare, n_beyond, chosen, group, extra)
     for c in range(found):
-        behind[FAR + c] = left[row[chosen[c]]]
+        behind[n_far + c] = left[row[chosen[c]]]
     for q in range(n):
-        classes.group[member[q]] = 1 + FAR + group[q] if group[q] >= 0 else 0
+        classes.group[member[q]] = 1 + n_far + group[q] if group[q] >= 0 else 0
         classes.extra[member[q]] = extra[q]

@@ -19,7 +19,7 @@ from models.geometry import BoolArray, IntArray
 from placement.tempered.paths import Arcs
 from placement.tempered.process import Cameras
 
-FAR, NEAR = 16, 8  # classes by covariance before and behind a camera
+BEYOND = 8  # classes by covariance behind a camera
 STEPS = 1024.0  # losses are whole numbers of 1 / STEPS
 IMPOSSIBLE = 65_535  # in place of a loss: no placement worth having goes that way
 EMPTY = -1.0  # in place of a variance: nobody is in a class
@@ -30,10 +30,12 @@ ROUNDING = 1e-6  # what a mutual information may be off
 class Classes(NamedTuple):
     """Classes of the cameras before each of n, and where the losses of its m arcs out lie.
 
-    Class 0 knows nothing, 1 … FAR are far; the row of an arc to a near camera goes on with each of
-    j's near ones, that of another with their NEAR classes.
+    Class 0 knows nothing, 1 … n_far are far; the row of an arc to a near camera goes on with each
+    of j's near ones, that of another with their n_beyond classes.
     """
 
+    n_far: int
+    n_beyond: int
     into: IntArray  # (n + 1,) arcs by target
     source: IntArray  # (m,) in that order
     out_of: IntArray  # (n + 1,) arcs by source
@@ -50,7 +52,7 @@ class Classes(NamedTuple):
     row_at: IntArray  # (m + 1,) by source, into the losses
 
 
-def classes_of(arcs: Arcs, cameras: Cameras) -> Classes:
+def classes_of(arcs: Arcs, cameras: Cameras, n_far: int, n_beyond: int = BEYOND) -> Classes:
     """Lay out the classes of all cameras; `group` is filled by `fill_losses`."""
     n = cameras.first.size
     first, last = cameras.first, cameras.last
@@ -67,9 +69,11 @@ def classes_of(arcs: Arcs, cameras: Cameras) -> Classes:
     beyond = np.maximum(last, early)
     np.maximum.at(beyond, arcs.target[near], last[arcs.source[near]])
     ahead = (last[target] >= 0) & (first[target] <= beyond[source])
-    width = np.where(ahead, 1 + FAR + many[source], 1 + FAR + NEAR)
+    width = np.where(ahead, 1 + n_far + many[source], 1 + n_far + n_beyond)
     row_at = np.concatenate([[0], np.cumsum(width)]).astype(np.int64)
     return Classes(
+        n_far,
+        n_beyond,
         arcs.into,
         arcs.source,
         arcs.out_of,

@@ -7,7 +7,6 @@ from numba import njit
 
 from placement.objectives.windows.filter import put6
 from placement.sieve.anchors import choose_anchors
-from placement.sieve.classes import FAR
 from placement.sieve.features import prior_matrix
 from placement.sieve.given import invert
 from placement.tempered.crossings import after
@@ -16,22 +15,22 @@ from placement.tempered.process import prior_at
 
 @njit(cache=True)
 def far_classes(j, process, cameras, rows, pairs, classes, known, start, far):  # type: ignore[no-untyped-def]
-    """Sort the far cameras before j into classes; fill `far` (FAR, 6).
+    """Sort the far cameras before j into classes; fill `far` (classes, 6).
 
     A class takes D = Φ (P_l − X) Φᵀ off the car's covariance P at `early`: what its anchor does,
     which leaves X behind its last sample l, Φ the chain's transition from l to `early`. `start`
     (3, 2 m) is Cov(x_early, z_j) L⁻ᵀ.
     """
     early = classes.early[j]
-    n_far, from_sample = 0, early
+    many, from_sample = 0, early
     for a in range(classes.into[j], classes.into[j + 1]):
         i = classes.source[a]
         classes.group[a] = 0
         classes.extra[a] = 0.0
         if not classes.near[a] and cameras.last[i] >= 0:
-            n_far += 1
+            many += 1
             from_sample = min(from_sample, cameras.last[i])
-    if n_far == 0:
+    if many == 0:
         return
     phi = np.empty((early - from_sample + 1, 3, 3))
     phi[early - from_sample] = np.eye(3)
@@ -50,8 +49,8 @@ def far_classes(j, process, cameras, rows, pairs, classes, known, start, far):  
     if not invert(p, at_p) or not invert(left, told):
         return
     told -= at_p  # what z_j tells of the state at `early`
-    member, off = np.empty(n_far, np.int64), np.empty((n_far, 6))
-    information, value = np.empty((n_far, 6)), np.empty(n_far)
+    member, off = np.empty(many, np.int64), np.empty((many, 6))
+    information, value = np.empty((many, 6)), np.empty(many)
     n = 0
     for a in range(classes.into[j], classes.into[j + 1]):
         i = classes.source[a]
@@ -79,8 +78,10 @@ def far_classes(j, process, cameras, rows, pairs, classes, known, start, far):  
             ),
         )  # fmt: skip
         n += 1
-    chosen, group, extra = np.empty(FAR, np.int64), np.empty(n, np.int64), np.empty(n)
-    found = choose_anchors(information[:n], value[:n], known.spare, FAR, chosen, group, extra)
+    chosen, group, extra = np.empty(classes.n_far, np.int64), np.empty(n, np.int64), np.empty(n)
+    found = choose_anchors(
+        information[:n], value[:n], known.spare, classes.n_far, chosen, group, extra
+    )
     for c in range(found):
         far[c] = off[chosen[c]]
     for q in range(n):

@@ -24,7 +24,7 @@ from models.geometry import FloatArray
 from placement.objectives.windows.filter import row6
 from placement.sieve.ahead import fill_ahead
 from placement.sieve.beyond import fill_beyond
-from placement.sieve.classes import EMPTY, FAR
+from placement.sieve.classes import EMPTY
 from placement.sieve.far import far_classes
 from placement.sieve.features import RANK, factor, measured
 from placement.sieve.given import as_measurement, camera_given, class_given, state_given
@@ -69,7 +69,7 @@ def _losses_after(  # type: ignore[no-untyped-def]
     j, process, cameras, rows, whole, kind, weight, pairs, classes, features, meeting, known,
     losses,
 ):  # fmt: skip
-    n_near = classes.many[j]
+    n_near, n_far = classes.many[j], classes.n_far
     early, beyond = classes.early[j], classes.beyond[j]
     # all of z_j, by a Cholesky factor of its covariance
     size = 0
@@ -84,16 +84,16 @@ def _losses_after(  # type: ignore[no-untyped-def]
     state_given(process, cameras, j, early, root, start)
     state_given(process, cameras, j, beyond, root, stop)
     # the classes far away, as measurements of the state at `early`
-    far = np.full((FAR, 6), EMPTY)
+    far = np.full((n_far, 6), EMPTY)
     far_classes(j, process, cameras, rows, pairs, classes, known, start, far)
     # what each class and each near camera is, given z_j: rows of B and a factor of its covariance;
     # `used` rows, 0 where nothing is known, −1 where there is no such class
-    n_before = FAR + n_near
+    n_before = n_far + n_near
     before = np.zeros((n_before, RANK, size)), np.zeros((n_before, RANK, RANK))
     used = np.full(n_before, -1)
-    root_of = np.zeros((FAR, 3, 3))  # of the information that a class adds about the state
+    root_of = np.zeros((n_far, 3, 3))  # of the information that a class adds about the state
     camera = np.full(n_before, -1)
-    for c in range(FAR):
+    for c in range(n_far):
         if far[c, 0] == EMPTY:
             continue
         used[c] = 0
@@ -102,7 +102,7 @@ def _losses_after(  # type: ignore[no-untyped-def]
             class_given(process, early, root_of[c], start, before[0][c], before[1][c])
     for a in range(classes.into[j], classes.into[j + 1]):
         if classes.near[a]:
-            c = FAR + classes.rank[a]
+            c = n_far + classes.rank[a]
             i = classes.source[a]
             camera[c], used[c] = i, 0
             if camera_given(cameras, i, j, features, root, before[0][c], before[1][c]):

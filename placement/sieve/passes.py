@@ -8,13 +8,15 @@ import numpy as np
 from numba import get_num_threads
 
 from placement.problem import Run
-from placement.sieve.sieve import Sieve, losses_of
+from placement.sieve.classes import BEYOND
+from placement.sieve.sieve import Sieve, size_of
 from placement.tempered.bound import Line, Tempered
 
 PASSES = 6
 MOST_LOSSES = 1_200_000_000  # of two bytes
-LOSS_S = 1.8e-7  # processor seconds for each
-MOST_SHARE = 0.8  # of the time left, that a pass may take
+CLASSES = (40, 32, 24, 16, 12, 8)  # of far cameras: the more, the sharper
+LOSS_S, CLASS_S = 2e-7, 3e-7  # processor seconds for a loss to a near camera, and to a class
+MOST_SHARE = 0.75  # of the time left, that a pass may take
 
 
 def sift(
@@ -36,11 +38,11 @@ def sift(
         if enough(line):
             break
         first = first_order(line, share)
-        many = losses_of(first)
-        if many > MOST_LOSSES or LOSS_S * many > MOST_SHARE * run.remaining() * get_num_threads():
+        n_far = classes_in_time(*size_of(first), run.remaining())
+        if n_far == 0:
             break
-        run.progress(f"{many} losses by class, share {share:.4g}", None)
-        sieve = Sieve(first, score())
+        run.progress(f"{n_far} classes, share {share:.4g}", None)
+        sieve = Sieve(first, score(), n_far)
         bound = sieve.bound()
         closed = report(sieve, share)
         line = sieve.survivors(score())
@@ -49,3 +51,13 @@ def sift(
         best, best_share = bound, share
         share = (1.0 + share) / 2
     return line, best_share
+
+
+def classes_in_time(arcs: int, losses: int, seconds: float) -> int:
+    """Return how many classes there is room and time for, 0 where not for the fewest."""
+    for n_far in CLASSES:
+        room = losses + arcs * (n_far + BEYOND) <= MOST_LOSSES
+        needed_s = LOSS_S * losses + CLASS_S * arcs * n_far
+        if room and needed_s <= MOST_SHARE * seconds * get_num_threads():
+            return n_far
+    return 0

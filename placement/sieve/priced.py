@@ -11,13 +11,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from placement.sieve.classes import FAR, IMPOSSIBLE, NEAR, STEPS
+from placement.sieve.classes import IMPOSSIBLE, STEPS
 
 
 @njit(cache=True)
 def forward(pairs, alone, classes, losses, price, values):  # type: ignore[no-untyped-def]
     """Fill `values` (m,), by source, with the best path that ends with each arc."""
-    best = np.empty(1 + FAR + NEAR)
+    n_far, n_beyond = classes.n_far, classes.n_beyond
+    best = np.empty(1 + n_far + n_beyond)
     for j in range(alone.size):
         begin, end = classes.out_of[j], classes.out_of[j + 1]
         if begin == end:
@@ -33,16 +34,16 @@ def forward(pairs, alone, classes, losses, price, values):  # type: ignore[no-un
         for e in range(begin, end):
             at = classes.row_at[e]
             most = best[0]
-            for c in range(1, 1 + FAR):
+            for c in range(1, 1 + n_far):
                 if losses[at + c] != IMPOSSIBLE:
                     most = max(most, best[c] - losses[at + c] / STEPS)
             if classes.ahead[e]:
                 for c in range(one.size):
-                    loss = losses[at + 1 + FAR + c]
+                    loss = losses[at + 1 + n_far + c]
                     if loss != IMPOSSIBLE:
                         most = max(most, one[c] - loss / STEPS)
             else:
-                for c in range(1 + FAR, 1 + FAR + NEAR):
+                for c in range(1 + n_far, 1 + n_far + n_beyond):
                     if losses[at + c] != IMPOSSIBLE:
                         most = max(most, best[c] - losses[at + c] / STEPS)
             values[e] = most + pairs[j, classes.target[e]] - price
@@ -51,7 +52,8 @@ def forward(pairs, alone, classes, losses, price, values):  # type: ignore[no-un
 @njit(cache=True)
 def backward(pairs, may_end, classes, losses, price, values):  # type: ignore[no-untyped-def]
     """Fill `values` (m,), by source, with the most that a path adds behind each arc."""
-    best = np.empty(1 + FAR + NEAR)
+    n_far, n_beyond = classes.n_far, classes.n_beyond
+    best = np.empty(1 + n_far + n_beyond)
     for j in range(may_end.size - 1, -1, -1):
         one = np.full(classes.many[j], may_end[j])
         best[:] = may_end[j]
@@ -61,16 +63,16 @@ def backward(pairs, may_end, classes, losses, price, values):  # type: ignore[no
             if v == -np.inf:
                 continue
             best[0] = max(best[0], v)
-            for c in range(1, 1 + FAR):
+            for c in range(1, 1 + n_far):
                 if losses[at + c] != IMPOSSIBLE:
                     best[c] = max(best[c], v - losses[at + c] / STEPS)
             if classes.ahead[e]:
                 for c in range(one.size):
-                    loss = losses[at + 1 + FAR + c]
+                    loss = losses[at + 1 + n_far + c]
                     if loss != IMPOSSIBLE:
                         one[c] = max(one[c], v - loss / STEPS)
             else:
-                for c in range(1 + FAR, 1 + FAR + NEAR):
+                for c in range(1 + n_far, 1 + n_far + n_beyond):
                     if losses[at + c] != IMPOSSIBLE:
                         best[c] = max(best[c], v - losses[at + c] / STEPS)
         for a in range(classes.into[j], classes.into[j + 1]):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from models.geometry import BoolArray, FloatArray, IntArray
 from placement.sieve import priced
-from placement.sieve.classes import FAR, IMPOSSIBLE, STEPS, Classes, classes_of
+from placement.sieve.classes import IMPOSSIBLE, STEPS, Classes, classes_of
 from placement.sieve.features import RANK, features_of, pairs_that_meet
 from placement.sieve.losses import Known, fill_losses
 from placement.tempered import paths, states
@@ -24,6 +24,7 @@ from placement.tempered.bound import Line, Tempered
 from placement.tempered.diagram import last_worth
 
 NODES = 64  # cameras between two looks at the clock
+N_FAR = 16  # classes of far cameras
 SPARE = 1.0  # prices that a path may waste and still be told apart from others
 PRICES = 8  # tried at most
 PASS_S = 2.5e-9  # seconds a loss takes in a pass over paths
@@ -38,6 +39,7 @@ class Sieve:
 
     first: Tempered
     beat: float
+    n_far: int = N_FAR
     classes: Classes = field(init=False)
     losses: NDArray[np.uint16] = field(init=False)
     price: float = field(init=False)
@@ -56,7 +58,7 @@ class Sieve:
         beyond = states.priced_beyond(first.pairs, first.ends, price)
         into = priced_into(first.pairs, first.alone, price)
         known = Known(price, into, beyond, need, SPARE * max(price, 1e-9))
-        self.classes = classes = classes_of(paths.lay_out(line.alive), d.narrow)
+        self.classes = classes = classes_of(paths.lay_out(line.alive), d.narrow, self.n_far)
         self.losses = np.zeros(int(classes.row_at[-1]), dtype=np.uint16)
         features = features_of(d.process, d.narrow, RANK)
         paths.stop_in_time(run)
@@ -132,7 +134,9 @@ class Sieve:
             row = self.losses[classes.row_at[e] : classes.row_at[e + 1]]
             column = classes.group[into].astype(np.int64)
             if classes.ahead[e]:
-                column = np.where(classes.near[into], 1 + FAR + classes.rank[into], column)
+                column = np.where(
+                    classes.near[into], 1 + classes.n_far + classes.rank[into], column
+                )
             loss = np.where(row[column] == IMPOSSIBLE, np.inf, row[column] / STEPS)
             alone = classes.near[into] & classes.ahead[e]
             via = values[classes.place[into]] - loss
@@ -152,9 +156,10 @@ class Sieve:
         return first.line.over_arcs(alive, first.alone - self.price + first.ends >= least)
 
 
-def losses_of(first: Tempered) -> int:
-    """Return how many losses a sieve would hold."""
-    return int(classes_of(paths.lay_out(first.line.alive), first.drives[0].narrow).row_at[-1])
+def size_of(first: Tempered) -> tuple[int, int]:
+    """Return the arcs that a sieve would pass over, and its losses if there were no classes."""
+    classes = classes_of(paths.lay_out(first.line.alive), first.drives[0].narrow, 0, 0)
+    return len(classes.target), int(classes.row_at[-1])
 
 
 def priced_into(pairs: NDArray[np.float32], alone: FloatArray, price: float) -> FloatArray:

@@ -246,7 +246,9 @@ class Proof(Incumbent):
             return self._tempered(line, share)
 
         def report(sieve: Sieve, share: float) -> bool:
-            self.bounded(f"tempered chain, classes, share {share:.4g}", sieve.bound())
+            self.bounded(
+                f"tempered chain, second order by classes, share {share:.4g}", sieve.bound()
+            )
             self.try_path(sieve.path())
             self._beyond[share] = sieve.first.line.candidate, sieve.price, sieve.beyond
             return self.closed()

@@ -14,8 +14,9 @@ from placement.constraints import Constraints
 from placement.objectives.entropy import Entropy
 from placement.objectives.navigation_chain import Drive
 from placement.sieve import features, priced, sieve
-from placement.sieve.classes import FAR, IMPOSSIBLE, NEAR, STEPS
+from placement.sieve.classes import BEYOND, IMPOSSIBLE, STEPS
 from placement.sieve.features import RANK
+from placement.sieve.passes import CLASSES, classes_in_time
 from placement.sieve.sieve import Sieve
 from placement.tempered.background import background_of, stand_in
 from placement.tempered.bound import SecondOrder, Tempered, make_line
@@ -48,7 +49,7 @@ def loss_of(found: Sieve, i: int, j: int, k: int) -> float:
     a = int(into[classes.source[into] == i][0])
     column, extra = int(classes.group[a]), float(classes.extra[a])
     if classes.ahead[e] and classes.near[a]:
-        column, extra = 1 + FAR + int(classes.rank[a]), 0.0
+        column, extra = 1 + classes.n_far + int(classes.rank[a]), 0.0
     loss = int(found.losses[classes.row_at[e] + column])
     assert classes.row_at[e] + column < classes.row_at[e + 1]
     return np.inf if loss == IMPOSSIBLE else loss / STEPS - extra
@@ -189,7 +190,7 @@ def hold_sieves_against_brute_force(seed: int, offsets: int) -> None:
         if (constraints.group < 0).all():  # else it knows that a mount bears one camera
             assert whole.bound() >= SecondOrder(first, -np.inf).bound() - 1e-6
         assert set(placement) <= set(whole.survivors(beat).candidate)
-        left = Sieve(first, beat)
+        left = Sieve(first, beat, int(rng.integers(1, 6)))
         assert max(left.bound(), beat) >= best * (1.0 - 1e-9) - 1e-9
         # what may come beyond a camera lets a diagram leave out what leads nowhere
         diagram = Diagram(first, 3, beat, price=left.price, beyond=left.beyond)
@@ -239,6 +240,13 @@ def test_rows_have_a_place_for_each_class_and_each_near_camera() -> None:
     classes = Sieve(first, -np.inf).classes
     width = np.diff(classes.row_at)
     source = np.repeat(np.arange(12), np.diff(classes.out_of))
-    assert np.all(width[classes.ahead] == 1 + FAR + classes.many[source[classes.ahead]])
-    assert np.all(width[~classes.ahead] == 1 + FAR + NEAR)
-    assert classes.group.max() <= FAR + NEAR
+    assert np.all(width[classes.ahead] == 1 + classes.n_far + classes.many[source[classes.ahead]])
+    assert np.all(width[~classes.ahead] == 1 + classes.n_far + BEYOND)
+    assert classes.group.max() <= classes.n_far + BEYOND
+
+
+def test_there_are_as_many_classes_as_there_is_time_and_room_for() -> None:
+    assert classes_in_time(1000, 1000, 60.0) == max(CLASSES)
+    assert classes_in_time(10**7, 10**8, 100.0) in CLASSES[1:]
+    assert classes_in_time(10**7, 10**8, 1.0) == 0
+    assert classes_in_time(10**8, 10**8, 1e9) == 0  # no room
