@@ -23,7 +23,7 @@ from placement.tempered import paths, states
 from placement.tempered.bound import Line, Tempered
 from placement.tempered.diagram import last_worth
 
-NODES = 64  # cameras between two looks at the clock
+NODES = 32  # cameras between two looks at the clock
 N_FAR = 16  # classes of far cameras
 SPARE = 1.0  # prices that a path may waste and still be told apart from others
 PRICES = 8  # tried at most
@@ -69,6 +69,7 @@ class Sieve:
         for begin in range(0, n, NODES):
             if run.remaining() < reserve_s:
                 break
+            paths.stop_in_time(run)
             fill_losses(
                 d.process, d.narrow, d.rows, d.whole, line.group, d.weight, first.pairs, classes,
                 features, meeting, known, np.arange(begin, min(begin + NODES, n)), self.losses,

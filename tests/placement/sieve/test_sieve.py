@@ -21,6 +21,7 @@ from placement.sieve.sieve import Sieve
 from placement.tempered.background import background_of, stand_in
 from placement.tempered.bound import SecondOrder, Tempered, make_line
 from placement.tempered.diagram import Diagram
+from placement.tempered.paths import OutOfTimeError
 from placement.tempered.process import cameras_of, take_in
 from tests.placement.tempered.test_bound import best_placement, new_run, small_problem
 from tests.placement.tempered.test_persistent import Dense
@@ -250,3 +251,11 @@ def test_there_are_as_many_classes_as_there_is_time_and_room_for() -> None:
     assert classes_in_time(10**7, 10**8, 100.0) in CLASSES[1:]
     assert classes_in_time(10**7, 10**8, 1.0) == 0
     assert classes_in_time(10**8, 10**8, 1e9) == 0  # no room
+
+
+def test_a_sieve_out_of_time_stops() -> None:
+    drive = random_drive(np.random.default_rng(59), n_samples=40, n_candidates=10, offsets=2)
+    first, _ = first_order(drive, 4, 0.95, 0.1)
+    first.run.deadline = time.monotonic() - 1.0
+    with pytest.raises(OutOfTimeError):
+        Sieve(first, -np.inf)
