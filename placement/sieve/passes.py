@@ -38,7 +38,7 @@ def sift(
         if enough(line):
             break
         first = first_order(line, share)
-        n_far = classes_in_time(*size_of(first), run.remaining())
+        n_far = room_for(line, first, run)
         if n_far == 0:
             break
         run.progress(f"{n_far} classes, share {share:.4g}", None)
@@ -51,6 +51,17 @@ def sift(
         best, best_share = bound, share
         share = (1.0 + share) / 2
     return line, best_share
+
+
+def room_for(line: Line, first: Tempered | None, run: Run) -> int:
+    """Return how many classes of far cameras a sieve has room and time for, 0 where for none.
+
+    Without the first order over the line, by its arcs alone.
+    """
+    found = classes_in_time(int(line.alive.sum()), 0, run.remaining())
+    if found and first is not None:
+        found = classes_in_time(*size_of(first), run.remaining())
+    return found
 
 
 def classes_in_time(arcs: int, losses: int, seconds: float) -> int:

@@ -25,7 +25,7 @@ from placement.bounds.concave import best_fraction
 from placement.bounds.concave_tree import split_until
 from placement.objectives.entropy import Entropy
 from placement.problem import Problem, Run
-from placement.sieve.passes import sift
+from placement.sieve.passes import room_for, sift
 from placement.sieve.sieve import Sieve
 from placement.solution import Proposal, Status
 from placement.solvers.exchange import polish
@@ -178,8 +178,9 @@ class Proof(Incumbent):
     def _first_order(self, line: Line, shares: tuple[float, ...]) -> Line:
         """Bound by first-order chains at the shares that bound best, and thin out the line."""
         share, seconds = self._best_share(line, shares)
+        plain = share
         if self._sieves and seconds * line.candidate.size**2 > LONG_S:
-            share = (1.0 + share) / 2  # what suits the sieve, which has the last word, is nearer 1
+            share = (3.0 + share) / 4  # what suits the sieve, which has the last word, is nearer 1
         for _ in range(FIRST_ORDER_PASSES):
             n = line.candidate.size
             if n < 2 or 0.25 * seconds * n * n > self.inner.remaining():
@@ -195,8 +196,14 @@ class Proof(Incumbent):
             many = self._sieves and self._triples(line) > MOST_TRIPLES
             useless = line.alive.sum() > WORTH_IT * before
             if many and (useless or time.monotonic() - started > LONG_S):
-                self._whole = bound
-                break
+                self._whole = bound.over(line) if bound.covers(line) else None
+                if room_for(line, self._whole, self.inner):
+                    break
+                self._whole = None
+                if share != plain:
+                    share = plain
+                    bound = self._chain(line, share)
+                    line = bound.survivors(self.score)
             if useless:
                 share, line = self._nearer_share(line, share, bound.bound())
                 break
