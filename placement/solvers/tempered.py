@@ -180,7 +180,7 @@ class Proof(Incumbent):
         share, seconds = self._best_share(line, shares)
         plain = share
         if self._sieves and seconds * line.candidate.size**2 > LONG_S:
-            share = (3.0 + share) / 4  # what suits the sieve, which has the last word, is nearer 1
+            share = (1.0 + share) / 2  # what suits the sieve, which has the last word, is nearer 1
         for _ in range(FIRST_ORDER_PASSES):
             n = line.candidate.size
             if n < 2 or 0.25 * seconds * n * n > self.inner.remaining():
