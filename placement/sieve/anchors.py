@@ -26,12 +26,12 @@ HAIR = 1e-5  # added to what a member pays, for rounding to float32
 
 
 @njit(cache=True)
-def choose_anchors(information, value, spare, most, chosen, group, extra):  # type: ignore[no-untyped-def]
+def choose_anchors(information, value, weight, spare, most, chosen, group, extra):  # type: ignore[no-untyped-def]
     """Choose at most `most` anchors; return how many, their members in `chosen`.
 
-    `information` (q, 6) and `value` (q,) are the members'. Fills `group` (q,) with the number of
-    each one's anchor, −1 where it can pass for none, and `extra` (q,) with what it pays. Who looks
-    worse than the best by `spare` is told apart no further.
+    `information` (q, 6) and `value` (q,) are the members'; gains count `weight` times. Fills
+    `group` (q,) with the number of each one's anchor, −1 where it can pass for none, and `extra`
+    (q,) with what it pays. Who looks worse than the best by `spare` is told apart no further.
     """
     q = value.size
     group[:] = -1
@@ -71,8 +71,8 @@ def choose_anchors(information, value, spare, most, chosen, group, extra):  # ty
                     found_three = eigenvalues(m)
                 for eigenvalue in found_three:
                     distance = math.log(max(eigenvalue, 1.0 / LARGEST))
-                    pays += max(distance, 0.0) * (1.0 + HAIR)
-                    apart += abs(distance)
+                    pays += weight * max(distance, 0.0) * (1.0 + HAIR)
+                    apart += weight * abs(distance)
             if value[i] + apart < looks[i]:
                 looks[i], group[i], extra[i] = value[i] + apart, c, pays
                 apart_from[i] = apart

@@ -86,7 +86,7 @@ def fill_beyond(  # type: ignore[no-untyped-def]
     for c in range(n_far):
         if used[c] >= 0:
             put6(behind, c, row6(left, c))
-    _near_classes(j, pairs, classes, known, left, behind)
+    _near_classes(j, weight, pairs, classes, known, left, behind)
     samples = process.prior.shape[0]
     by = np.empty((samples, 6))
     for c in range(n_far + n_beyond):
@@ -110,7 +110,7 @@ def fill_beyond(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _near_classes(j, pairs, classes, known, left, behind):  # type: ignore[no-untyped-def]
+def _near_classes(j, weight, pairs, classes, known, left, behind):  # type: ignore[no-untyped-def]
     """Sort j's near cameras by the covariance that they leave; fill the last rows of `behind`."""
     n_near, n_far, n_beyond = classes.many[j], classes.n_far, classes.n_beyond
     member, information = np.empty(n_near, np.int64), np.empty((n_near, 6))
@@ -138,7 +138,9 @@ def _near_classes(j, pairs, classes, known, left, behind):  # type: ignore[no-un
         )  # fmt: skip
         n += 1
     chosen, group, extra = np.empty(n_beyond, np.int64), np.empty(n, np.int64), np.empty(n)
-    found = choose_anchors(information[:n], value[:n], known.spare, n_beyond, chosen, group, extra)
+    found = choose_anchors(
+        information[:n], value[:n], weight, known.spare, n_beyond, chosen, group, extra
+    )
     for c in range(found):
         behind[n_far + c] = left[row[chosen[c]]]
     for q in range(n):

@@ -14,7 +14,7 @@ from placement.tempered.process import prior_at
 
 
 @njit(cache=True)
-def far_classes(j, process, cameras, rows, pairs, classes, known, start, far):  # type: ignore[no-untyped-def]
+def far_classes(j, process, cameras, rows, weight, pairs, classes, known, start, far):  # type: ignore[no-untyped-def]
     """Sort the far cameras before j into classes; fill `far` (classes, 6).
 
     A class takes D = Φ (P_l − X) Φᵀ off the car's covariance P at `early`: what its anchor does,
@@ -80,7 +80,7 @@ def far_classes(j, process, cameras, rows, pairs, classes, known, start, far):  
         n += 1
     chosen, group, extra = np.empty(classes.n_far, np.int64), np.empty(n, np.int64), np.empty(n)
     found = choose_anchors(
-        information[:n], value[:n], known.spare, classes.n_far, chosen, group, extra
+        information[:n], value[:n], weight, known.spare, classes.n_far, chosen, group, extra
     )
     for c in range(found):
         far[c] = off[chosen[c]]

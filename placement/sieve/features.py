@@ -21,19 +21,20 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
-from models.geometry import FloatArray, IntArray
+from models.geometry import BoolArray, FloatArray, IntArray
 from placement.objectives.windows.offsets import white_block
 from placement.tempered.process import Cameras, Process
 
 REACH = 64  # samples on either side of a window that its field covers
 ITERATIONS = 8
 RANK = 6  # features of a camera; the innermost loops over them are unrolled
-FLATTEST = 1e-9  # of a sample's information: the least along one axis against the other
+FLATTEST = 1e-6  # the least det J / (tr J)² of a sample whose error is finite along both axes
 
 
 class Features(NamedTuple):
     """r directions of n cameras: y = W z of cameras whose windows have at most m entries."""
 
+    usable: BoolArray  # (n,) whether it has any: not if blind, or blind to an axis at some sample
     weights: FloatArray  # (n, r, 2 m), rows of W by entry, along and across
     spread: FloatArray  # (n, r, r) Cov(y) = I + W S Wᵀ
     low: IntArray  # (n,) the first sample of each field
@@ -50,6 +51,7 @@ def features_of(process: Process, cameras: Cameras, rank: int) -> Features:
     high = np.where(seeing, np.minimum(cameras.last + REACH, samples - 1), -1)
     at = np.concatenate([[0], np.cumsum(high + 1 - low)]).astype(np.int64)
     found = Features(
+        np.zeros(n, dtype=np.bool_),
         np.zeros((n, rank, 2 * most)),
         np.zeros((n, rank, rank)),
         low.astype(np.int64),
@@ -63,12 +65,20 @@ def features_of(process: Process, cameras: Cameras, rank: int) -> Features:
 @njit(cache=True, parallel=True)
 def _find(process, cameras, features):  # type: ignore[no-untyped-def]
     for i in prange(cameras.first.size):
-        if cameras.last[i] >= 0:
-            directions_of(process, cameras, i, features.weights[i], features.spread[i])
-            _fill_field(
-                process, cameras, i, features.weights[i], features.low[i],
-                features.field[features.at[i] : features.at[i + 1]],
-            )  # fmt: skip
+        _find_one(i, process, cameras, features)
+
+
+@njit(cache=True)
+def _find_one(i, process, cameras, features):  # type: ignore[no-untyped-def]
+    # apart from the parallel loop, which would lose what is written to `usable`
+    features.usable[i] = cameras.last[i] >= 0 and directions_of(
+        process, cameras, i, features.weights[i], features.spread[i]
+    )
+    if features.usable[i]:
+        _fill_field(
+            process, cameras, i, features.weights[i], features.low[i],
+            features.field[features.at[i] : features.at[i + 1]],
+        )  # fmt: skip
 
 
 @njit(cache=True)
@@ -95,7 +105,7 @@ def measured(process, cameras, i, signal, noise):  # type: ignore[no-untyped-def
     """Fill `signal` and `noise` (2 m, 2 m): covariances of what camera i measures, and of errors.
 
     An error is J⁻¹ of its own, a share of the white information, and B b of the offsets b ~ N(0, I)
-    that all of the window have in common.
+    that all of the window have in common. Return whether all J can be inverted.
     """
     begin, end = cameras.indptr[i], cameras.indptr[i + 1]
     p = cameras.offsets.shape[2]
@@ -120,14 +130,14 @@ def measured(process, cameras, i, signal, noise):  # type: ignore[no-untyped-def
                         shared / cameras.share
                     )
         tt, tn, nn = white_block(cameras.white, cameras.frames, begin + a, cameras.share)
-        # a sample may tell nothing along an axis: its error is then large instead of infinite
-        floor = FLATTEST * (tt + nn) + 1e-300
-        tt, nn = tt + floor, nn + floor
         det = tt * nn - tn * tn
+        if not det > FLATTEST * (tt + nn) ** 2 or not det > 1e-200:
+            return False
         noise[2 * a, 2 * a] += nn / det
         noise[2 * a + 1, 2 * a + 1] += tt / det
         noise[2 * a, 2 * a + 1] -= tn / det
         noise[2 * a + 1, 2 * a] -= tn / det
+    return True
 
 
 @njit(cache=True)
@@ -162,12 +172,14 @@ def solve_row(m, n, row):  # type: ignore[no-untyped-def]
 def directions_of(process, cameras, i, weights, spread):  # type: ignore[no-untyped-def]
     """Fill `weights` (r, 2 m) and `spread` (r, r) of camera i; of a short window the rest stay 0.
 
-    With noise = L Lᵀ and an orthonormal V near the leading eigenvectors of L⁻¹ S L⁻ᵀ, W = Vᵀ L⁻¹.
+    Return False where the camera has none. With noise = L Lᵀ and an orthonormal V near the leading
+    eigenvectors of L⁻¹ S L⁻ᵀ, W = Vᵀ L⁻¹.
     """
     size = 2 * (cameras.indptr[i + 1] - cameras.indptr[i])
     rank = min(weights.shape[0], size)
     signal, noise = np.empty((size, size)), np.empty((size, size))
-    measured(process, cameras, i, signal, noise)
+    if not measured(process, cameras, i, signal, noise):
+        return False
     factor(noise, size)
     for _ in range(2):  # L⁻¹ S, then L⁻¹ (L⁻¹ S)ᵀ
         for a in range(size):
@@ -212,6 +224,7 @@ def directions_of(process, cameras, i, weights, spread):  # type: ignore[no-unty
             for b in range(a + 1, size):
                 s -= weights[r, b] * noise[b, a]
             weights[r, a] = s / noise[a, a]
+    return True
 
 
 @njit(cache=True)

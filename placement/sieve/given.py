@@ -10,7 +10,9 @@ import math
 import numpy as np
 from numba import njit
 
+from placement.diagram.order import by_root, jacobi
 from placement.sieve.features import RANK, carry_columns, factor, prior_matrix, solve_row
+from placement.tempered.process import prior_at
 
 
 @njit(cache=True)
@@ -60,8 +62,10 @@ def state_given(process, cameras, j, t, root, out):  # type: ignore[no-untyped-d
 def camera_given(cameras, i, j, features, root, b, given):  # type: ignore[no-untyped-def]
     """Fill B (RANK, 2 m) = Cov(y_i, z_j) L⁻ᵀ and the lower part of `given` = Cov(y_i | z_j).
 
-    Return False where z_j lies beyond the field of i.
+    Return False where z_j lies beyond the field of i, or i has no features.
     """
+    if not features.usable[i]:
+        return False
     rank = features.spread.shape[1]
     begin, end = cameras.indptr[j], cameras.indptr[j + 1]
     field, low = features.field[features.at[i] : features.at[i + 1]], features.low[i]
@@ -108,29 +112,30 @@ def class_given(process, t, g, start, b, low):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def as_measurement(process, t, d, root):  # type: ignore[no-untyped-def]
-    """Fill `root` (3, 3), lower, with a factor of (P − D)⁻¹ − P⁻¹; return whether it is of use."""
-    p = np.empty((3, 3))
-    prior_matrix(process, t, p)
-    c = p - np.array([[d[0], d[1], d[2]], [d[1], d[3], d[4]], [d[2], d[4], d[5]]])
-    g, h = np.zeros((3, 3)), np.zeros((3, 3))
-    if not invert(c, g) or not invert(p, h):
+    """Fill `root` (3, 3) with R, R Rᵀ = (P − D)⁻¹ − P⁻¹; return whether it is of any use.
+
+    With P = L Lᵀ and L⁻¹ D L⁻ᵀ = V Λ Vᵀ that is L⁻ᵀ V √(Λ / (1 − Λ)), without a difference of
+    inverses; Λ a little less, for its rounding.
+    """
+    m, v = np.empty((3, 3)), np.empty((3, 3))
+    useful, low = by_root(prior_at(process, t), d, 3.0, m)
+    if not useful:
         return False
-    for x in range(3):
-        for y in range(3):
-            g[x, y] -= h[x, y]
-    root[:] = 0.0
-    for x in range(3):
-        for y in range(x + 1):
-            s = g[x, y]
-            for q in range(y):
-                s -= root[x, q] * root[y, q]
-            if x == y:
-                # a little less than it tells, for the rounding of both inverses
-                s -= 1e-9 * (abs(g[x, x]) + h[x, x])
-                root[x, x] = math.sqrt(s) if s > 0.0 else 0.0
-            else:
-                root[x, y] = s / root[y, y] if root[y, y] > 0.0 else 0.0
-    return root[0, 0] > 0.0 or root[1, 1] > 0.0 or root[2, 2] > 0.0
+    l00, l10, l11, l20, l21, l22 = low
+    jacobi(m, v)
+    some = False
+    for k in range(3):
+        share = min(m[k, k] * (1.0 - 1e-9) - 1e-10, 1.0 - 1e-9)
+        if not share > 0.0:
+            root[0, k] = root[1, k] = root[2, k] = 0.0
+            continue
+        some = True
+        scale = math.sqrt(share / (1.0 - share))
+        z = scale * v[2, k] / l22
+        y = (scale * v[1, k] - l21 * z) / l11
+        root[0, k] = (scale * v[0, k] - l10 * y - l20 * z) / l00
+        root[1, k], root[2, k] = y, z
+    return some
 
 
 @njit(cache=True)

@@ -3,14 +3,14 @@
 To second order g(k | i, j) = g(k | j) − I(z_k; z_i | z_j): the *loss* is mutual information given
 the camera in between. There are n³ of them, so cameras i before j are told apart as far as it
 matters. Those that see what j or a camera after it sees are *near*, and for k near them stand for
-themselves. Others act on what follows through the car's covariance alone, and share *classes*: by
-their covariance U where the next camera may begin (far ones), or behind the last sample that j or
-a near one sees (all of them, for k beyond it). A class has a U above, in the Loewner order, that
-of all its members; a car that knows less gains more, so its loss is a lower bound of theirs.
+themselves. Others act on what follows through the car's covariance alone, where the next camera may
+begin (far ones), or behind the last sample that j or a near one sees (all of them, for k beyond
+it), and pass for one of a few *anchors* among them, for which they pay (`placement.sieve.anchors`).
 
 Mutual information is that of features (`placement.sieve.features`), given all of z_j: by data
-processing it is no more than the true one. So is that of a class, whose U counts as a measurement
-of the state at that sample. All losses are rounded down to multiples of 1 / `STEPS`.
+processing it is no more than the true one. An anchor's covariance counts as a measurement of the
+state at that sample. All losses are rounded down to multiples of 1 / `STEPS`. A camera that is
+blind to one axis at some sample has no features: nobody loses to it, nor after it.
 """
 
 from __future__ import annotations
@@ -69,6 +69,8 @@ def _losses_after(  # type: ignore[no-untyped-def]
     j, process, cameras, rows, whole, kind, weight, pairs, classes, features, meeting, known,
     losses,
 ):  # fmt: skip
+    if cameras.last[j] >= 0 and not features.usable[j]:
+        return  # nobody can be given it: losses and classes stay 0
     n_near, n_far = classes.many[j], classes.n_far
     early, beyond = classes.early[j], classes.beyond[j]
     # all of z_j, by a Cholesky factor of its covariance
@@ -85,7 +87,7 @@ def _losses_after(  # type: ignore[no-untyped-def]
     state_given(process, cameras, j, beyond, root, stop)
     # the classes far away, as measurements of the state at `early`
     far = np.full((n_far, 6), EMPTY)
-    far_classes(j, process, cameras, rows, pairs, classes, known, start, far)
+    far_classes(j, process, cameras, rows, weight, pairs, classes, known, start, far)
     # what each class and each near camera is, given z_j: rows of B and a factor of its covariance;
     # `used` rows, 0 where nothing is known, −1 where there is no such class
     n_before = n_far + n_near

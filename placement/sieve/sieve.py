@@ -46,7 +46,8 @@ class Sieve:
     values: FloatArray = field(init=False)  # (m,) the best path that ends with each arc
     behind: FloatArray = field(init=False)  # (m,) and what may follow it
     least: float = field(init=False)
-    beyond: FloatArray = field(init=False)  # (n,) the most that follows each camera at the price
+    # (n,) the most that follows each camera that an arc has led to, at the price
+    beyond: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
         """Compute all losses and find the price that bounds best."""

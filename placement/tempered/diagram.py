@@ -38,8 +38,8 @@ class Diagram:
     """The bound over the arcs of a line that are alive; up to `width` labels a camera, budget ≥ 2.
 
     What is part of no placement above `beat` is left out on the way. `second`, if given, is the
-    second order over the same arcs, share and background; `beyond` (n,) what an earlier diagram of
-    that share and background has found at `price`.
+    second order over the same arcs, share and background; `beyond` (n,) what an earlier diagram
+    or sieve of that share and background has found at `price`, behind an arc into each camera.
     """
 
     first: Tempered

@@ -31,7 +31,7 @@ def test_a_member_pays_for_the_most_its_class_can_know_more(spread: float) -> No
         value = rng.normal(size=n)
         chosen, group, extra = np.full(most, -1), np.empty(n, np.int64), np.empty(n)
         found = choose_anchors(
-            np.array([packed(t) for t in told]), value, 5.0, most, chosen, group, extra
+            np.array([packed(t) for t in told]), value, 1.0, 5.0, most, chosen, group, extra
         )
         assert 1 <= found <= most
         assert chosen[0] == np.argmax(value)
@@ -63,14 +63,14 @@ def test_all_are_anchors_where_there_is_room_and_only_who_matters_where_not() ->
     told = np.array([packed(information(rng, 1.0)) for _ in range(6)])
     chosen, group, extra = np.full(8, -1), np.empty(6, np.int64), np.empty(6)
     value = np.array([0.0, -1.0, -2.0, -3.0, -4.0, -1e6])
-    assert choose_anchors(told, value, 1e9, 8, chosen, group, extra) == 6
+    assert choose_anchors(told, value, 1.0, 1e9, 8, chosen, group, extra) == 6
     assert sorted(chosen[:6]) == list(range(6))
     assert not extra.any()
     # whoever is far behind is told apart no further, and pays
-    found = choose_anchors(told, value, 0.0, 8, chosen, group, extra)
+    found = choose_anchors(told, value, 1.0, 0.0, 8, chosen, group, extra)
     assert 5 not in chosen[:found]
     assert group[5] >= 0
-    assert choose_anchors(told[:0], value[:0], 0.0, 8, chosen, group[:0], extra[:0]) == 0
+    assert choose_anchors(told[:0], value[:0], 1.0, 0.0, 8, chosen, group[:0], extra[:0]) == 0
 
 
 def test_eigenvalues_are_those_of_lapack() -> None:
