@@ -26,7 +26,7 @@ def fill_ahead(  # type: ignore[no-untyped-def]
     root, root_of, before, used, camera, losses,
 ):  # fmt: skip
     """Fill the rows of arcs to cameras that see what j or its near ones see."""
-    b_before, l_before = before
+    b_before, inverse = before
     n_far = classes.n_far
     size, rank = root.shape[0], features.spread.shape[1]
     begin, end = classes.out_of[j], classes.out_of[j + 1]
@@ -58,7 +58,7 @@ def fill_ahead(  # type: ignore[no-untyped-def]
                 for z in range(size):
                     b_ahead[u // SIDE, z, u % SIDE * rank + a] = one[a, z]
         u += 1
-    inverse, link = np.zeros((rank, rank)), np.zeros((3, rank))
+    link = np.zeros((3, rank))
     d, x_of = np.zeros((rank, rank)), np.zeros((rank, rank))
     shared = np.zeros((blocks, BLOCK * rank, SIDE * rank))
     rows = b_before.reshape(n_before * rank, size)
@@ -76,8 +76,6 @@ def fill_ahead(  # type: ignore[no-untyped-def]
             q, q_end = meeting.at[i], meeting.at[i + 1]
             if used[c] > 0:
                 _link(process, cameras, i, features, link)
-        if used[c] > 0:
-            _inverse_of(l_before[c], rank, inverse)
         for u in range(n_ahead):
             e = arc[u]
             k = classes.target[e]
@@ -124,7 +122,7 @@ def fill_ahead(  # type: ignore[no-untyped-def]
                             link[0, a] * row[0, b] + link[1, a] * row[1, b] + link[2, a] * row[2, b]
                         )
             some, column = shared[u // SIDE], u % SIDE * rank
-            left = _log_det_left(d, some, from_row, column, inverse, given[u], x_of)
+            left = _log_det_left(d, some, from_row, column, inverse[c], given[u], x_of)
             information = log_det[u] - left
             losses[at] = rounded_down(weight * information)
 
@@ -144,20 +142,6 @@ def _link(process, cameras, i, features, link):  # type: ignore[no-untyped-def]
     for x in range(3):
         for a in range(row.shape[1]):
             link[x, a] = g[x, 0] * row[0, a] + g[x, 1] * row[1, a] + g[x, 2] * row[2, a]
-
-
-@njit(cache=True)
-def _inverse_of(low, n, out):  # type: ignore[no-untyped-def]
-    """Fill `out` (n, n) with the inverse of a lower triangular matrix."""
-    for a in range(n):
-        for b in range(a):
-            s = 0.0
-            for q in range(b, a):
-                s -= low[a, q] * out[q, b]
-            out[a, b] = s / low[a, a]
-        out[a, a] = 1.0 / low[a, a]
-        for b in range(a + 1, n):
-            out[a, b] = 0.0
 
 
 @njit(cache=True)

@@ -24,7 +24,7 @@ def fill_beyond(  # type: ignore[no-untyped-def]
     stop, root_of, before, used, camera, losses,
 ):  # fmt: skip
     """Fill the rows of arcs to cameras beyond all that j and its near ones see."""
-    b_before, l_before = before
+    b_before, inverse = before
     n_far, n_beyond = classes.n_far, classes.n_beyond
     size = stop.shape[1]
     farthest = beyond
@@ -65,21 +65,22 @@ def fill_beyond(  # type: ignore[no-untyped-def]
                 for a in range(used[c]):
                     for z in range(size):
                         d[x, a] -= stop[x, z] * b_before[c, a, z]
-                # by the factor, one after another
-                for a in range(used[c]):
-                    for q in range(a):
-                        d[x, a] -= l_before[c, a, q] * d[x, q]
-                    d[x, a] /= l_before[c, a, a]
+                # times the inverse factor, from the last on: it is lower triangular
+                for a in range(used[c] - 1, -1, -1):
+                    total = 0.0
+                    for q in range(a + 1):
+                        total += inverse[c, a, q] * d[x, q]
+                    d[x, a] = total
             for x in range(3):
                 for y in range(3):
                     for a in range(used[c]):
                         p[x, y] -= d[x, a] * d[y, a]
-        hair = 1.0 + 1e-11
+        hair = 1e-11
         put6(
             left, c,
             (
-                p[0, 0] + (hair - 1.0) * s[0, 0], p[0, 1], p[0, 2],
-                p[1, 1] + (hair - 1.0) * s[1, 1], p[1, 2], p[2, 2] + (hair - 1.0) * s[2, 2],
+                p[0, 0] + hair * s[0, 0], p[0, 1], p[0, 2],
+                p[1, 1] + hair * s[1, 1], p[1, 2], p[2, 2] + hair * s[2, 2],
             ),
         )  # fmt: skip
     behind = np.full((n_far + n_beyond, 6), EMPTY)

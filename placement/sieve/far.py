@@ -25,8 +25,6 @@ def far_classes(j, process, cameras, rows, weight, pairs, classes, known, start,
     many, from_sample = 0, early
     for a in range(classes.into[j], classes.into[j + 1]):
         i = classes.source[a]
-        classes.group[a] = 0
-        classes.extra[a] = 0.0
         if not classes.near[a] and cameras.last[i] >= 0:
             many += 1
             from_sample = min(from_sample, cameras.last[i])

@@ -22,6 +22,7 @@ import numpy as np
 from numba import njit, prange
 
 from models.geometry import BoolArray, FloatArray, IntArray
+from placement.branch.small import times
 from placement.objectives.windows.offsets import white_block
 from placement.tempered.process import Cameras, Process
 
@@ -187,7 +188,7 @@ def directions_of(process, cameras, i, weights, spread):  # type: ignore[no-unty
         for a in range(size):
             for b in range(a):
                 signal[a, b], signal[b, a] = signal[b, a], signal[a, b]
-    v, next_v = np.empty((rank, size)), np.empty((rank, size))
+    v = np.empty((rank, size))
     for r in range(rank):
         for a in range(size):
             # smooth and different from one another, as leading directions are
@@ -196,28 +197,12 @@ def directions_of(process, cameras, i, weights, spread):  # type: ignore[no-unty
             )
     for _ in range(ITERATIONS):
         _orthonormal(v)
-        for r in range(rank):
-            for a in range(size):
-                s = 0.0
-                for b in range(size):
-                    s += signal[a, b] * v[r, b]
-                next_v[r, a] = s
-        v[:] = next_v
+        v = times(v, signal)
     _orthonormal(v)
     spread[:] = 0.0
     for r in range(spread.shape[0]):
         spread[r, r] = 1.0
-    for r in range(rank):
-        for a in range(size):
-            s = 0.0
-            for b in range(size):
-                s += signal[a, b] * v[r, b]
-            next_v[r, a] = s
-        for q in range(rank):
-            s = 0.0
-            for a in range(size):
-                s += v[q, a] * next_v[r, a]
-            spread[r, q] += s
+    spread[:rank, :rank] += times(times(v, signal), np.ascontiguousarray(v.T))
     for r in range(rank):  # W = Vᵀ L⁻¹, from its last entry on
         for a in range(size - 1, -1, -1):
             s = v[r, a]

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from placement.diagram.order import by_root, jacobi
-from placement.sieve.features import RANK, carry_columns, factor, prior_matrix, solve_row
+from placement.sieve.features import RANK, carry_columns, prior_matrix, solve_row
 from placement.tempered.process import prior_at
 
 
@@ -88,8 +88,8 @@ def camera_given(cameras, i, j, features, root, b, given):  # type: ignore[no-un
 
 
 @njit(cache=True)
-def class_given(process, t, g, start, b, low):  # type: ignore[no-untyped-def]
-    """Fill B (RANK, 2 m) and the factor `low` of a class: y = Gᵀ x_t + ε, Cov(ε) = I."""
+def class_given(process, t, g, start, b, given):  # type: ignore[no-untyped-def]
+    """Fill B (RANK, 2 m) and the lower part of `given` of a class: y = Gᵀ x_t + ε, Cov(ε) = I."""
     p = np.empty((3, 3))
     prior_matrix(process, t, p)
     for a in range(3):
@@ -103,11 +103,10 @@ def class_given(process, t, g, start, b, low):  # type: ignore[no-untyped-def]
                     s += g[x, a] * p[x, y] * g[y, c]
             for z in range(start.shape[1]):
                 s -= b[a, z] * b[c, z]
-            low[a, c] = s
-        low[a, a] += 1.0
+            given[a, c] = s
+        given[a, a] += 1.0
     for a in range(3, RANK):
-        low[a, a] = 1.0  # the others tell nothing
-    factor(low, RANK)
+        given[a, a] = 1.0  # the others tell nothing
 
 
 @njit(cache=True)

@@ -21,6 +21,7 @@ import numpy as np
 from numba import njit, prange
 
 from models.geometry import FloatArray
+from placement.branch.small import inverse_factor
 from placement.objectives.windows.filter import row6
 from placement.sieve.ahead import fill_ahead
 from placement.sieve.beyond import fill_beyond
@@ -88,8 +89,8 @@ def _losses_after(  # type: ignore[no-untyped-def]
     # the classes far away, as measurements of the state at `early`
     far = np.full((n_far, 6), EMPTY)
     far_classes(j, process, cameras, rows, weight, pairs, classes, known, start, far)
-    # what each class and each near camera is, given z_j: rows of B and a factor of its covariance;
-    # `used` rows, 0 where nothing is known, −1 where there is no such class
+    # what each class and each near camera is, given z_j: rows of B and the inverse of a factor of
+    # its covariance; `used` rows, 0 where nothing is known, −1 where there is no such class
     n_before = n_far + n_near
     before = np.zeros((n_before, RANK, size)), np.zeros((n_before, RANK, RANK))
     used = np.full(n_before, -1)
@@ -100,16 +101,18 @@ def _losses_after(  # type: ignore[no-untyped-def]
             continue
         used[c] = 0
         if as_measurement(process, early, row6(far, c), root_of[c]):
-            used[c] = RANK
             class_given(process, early, root_of[c], start, before[0][c], before[1][c])
+            if inverse_factor(before[1][c], before[1][c]):
+                used[c] = RANK
     for a in range(classes.into[j], classes.into[j + 1]):
         if classes.near[a]:
             c = n_far + classes.rank[a]
             i = classes.source[a]
             camera[c], used[c] = i, 0
-            if camera_given(cameras, i, j, features, root, before[0][c], before[1][c]):
+            if camera_given(
+                cameras, i, j, features, root, before[0][c], before[1][c]
+            ) and inverse_factor(before[1][c], before[1][c]):
                 used[c] = RANK
-                factor(before[1][c], RANK)
     fill_beyond(
         j, process, cameras, rows, whole, weight, pairs, classes, features, known, early, beyond,
         stop, root_of, before, used, camera, losses,

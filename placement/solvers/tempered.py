@@ -350,20 +350,15 @@ class Proof(Incumbent):
 
     def _best_share(self, line: Line, shares: tuple[float, ...]) -> tuple[float, float]:
         """Return the share that bounds a thinned line best, and seconds per pair of candidates."""
-        thin = self._thinned(line, THINNED)
+        step = max(1, -(-line.candidate.size // THINNED))
+        keep = np.arange(line.candidate.size)
+        thin = line.subset(keep[(keep % step == 0) | line.required])
         took, best = np.inf, (np.inf, shares[0])
         for share in shares if len(shares) > 1 else ():
             started = time.monotonic()
             best = min(best, (self._tempered(thin, share).bound(), share))
             took = min(took, time.monotonic() - started)
         return best[1], took / max(thin.candidate.size, 1) ** 2
-
-    @staticmethod
-    def _thinned(line: Line, most: int) -> Line:
-        """Return the line over every so many candidates, and all that are required."""
-        step = max(1, -(-line.candidate.size // most))
-        keep = np.arange(line.candidate.size)
-        return line.subset(keep[(keep % step == 0) | line.required])
 
     def _tempered(self, line: Line, share: float) -> Tempered:
         self.run.progress(
