@@ -1,8 +1,8 @@
 """Losses of cameras that see what the one before them, or those near it, see.
 
 Each near camera stands for itself: the loss is the mutual information of its features and those of
-the camera ahead, given all that the one in between measures. A far class is a measurement of the
-car's state in that.
+the camera ahead, given all that the one in between measures. Cameras ahead tell of the state before
+all that, too.
 """
 
 from __future__ import annotations
@@ -12,9 +12,10 @@ import math
 import numpy as np
 from numba import njit
 
-from placement.sieve.classes import IMPOSSIBLE, rounded_down
 from placement.sieve.features import RANK, factor, prior_matrix
 from placement.sieve.given import camera_given, invert
+from placement.sieve.neighbours import IMPOSSIBLE, rounded_down
+from placement.sieve.told import tell_ahead
 
 # products of matrices this small (16 × 2 m × 128) run on the thread that asks for them
 BLOCK, SIDE = 4, 32  # cameras before, and ahead, whose covariances are found together
@@ -22,19 +23,18 @@ BLOCK, SIDE = 4, 32  # cameras before, and ahead, whose covariances are found to
 
 @njit(cache=True)
 def fill_ahead(  # type: ignore[no-untyped-def]
-    j, process, cameras, whole, kind, weight, pairs, classes, features, meeting, known, early,
-    root, root_of, before, used, camera, losses,
+    j, process, cameras, whole, kind, weight, pairs, near, features, meeting, known, root, parted,
+    at_early, start, before, used, camera, told, losses,
 ):  # fmt: skip
     """Fill the rows of arcs to cameras that see what j or its near ones see."""
     b_before, inverse = before
-    n_far = classes.n_far
     size, rank = root.shape[0], features.spread.shape[1]
-    begin, end = classes.out_of[j], classes.out_of[j + 1]
-    n_before = used.size
+    begin, end = near.out_of[j], near.out_of[j + 1]
+    n_near = used.size
     # the cameras ahead given z_j, side by side
     n_ahead = 0
     for e in range(begin, end):
-        if classes.ahead[e]:
+        if near.ahead[e]:
             n_ahead += 1
     if n_ahead == 0:
         return
@@ -45,15 +45,16 @@ def fill_ahead(  # type: ignore[no-untyped-def]
     one, low = np.zeros((rank, size)), np.empty((rank, rank))
     u = 0
     for e in range(begin, end):
-        if not classes.ahead[e]:
+        if not near.ahead[e]:
             continue
-        k = classes.target[e]
-        losses[classes.row_at[e]] = 0
+        k = near.target[e]
         arc[u] = e
         if whole[k] and camera_given(cameras, k, j, features, root, one, given[u]):
             usable[u] = True
             low[:] = given[u]
             log_det[u] = factor(low, rank)
+            if parted:
+                tell_ahead(j, e, k, features, near, at_early, start, one, low, told)
             for a in range(rank):
                 for z in range(size):
                     b_ahead[u // SIDE, z, u % SIDE * rank + a] = one[a, z]
@@ -61,46 +62,30 @@ def fill_ahead(  # type: ignore[no-untyped-def]
     link = np.zeros((3, rank))
     d, x_of = np.zeros((rank, rank)), np.zeros((rank, rank))
     shared = np.zeros((blocks, BLOCK * rank, SIDE * rank))
-    rows = b_before.reshape(n_before * rank, size)
-    for c in range(n_before):
+    rows = b_before.reshape(n_near * rank, size)
+    for c in range(n_near):
         if size > 0 and c % BLOCK == 0:
-            stop = min(c + BLOCK, n_before)
+            stop = min(c + BLOCK, n_near)
             for block in range(blocks):
                 some = shared[block][: (stop - c) * rank]
                 np.dot(rows[c * rank : stop * rank], b_ahead[block], some)
         from_row = c % BLOCK * rank
-        i, reached, q, q_end = -1, -np.inf, 0, 0
-        if c >= n_far:
-            i = camera[c]
-            reached = known.into[i] + np.float64(pairs[i, j]) - 2.0 * known.price
-            q, q_end = meeting.at[i], meeting.at[i + 1]
-            if used[c] > 0:
-                _link(process, cameras, i, features, link)
+        i = camera[c]
+        reached = known.into[i] + np.float64(pairs[i, j]) - 2.0 * known.price
+        q, q_end = meeting.at[i], meeting.at[i + 1]
+        if used[c] > 0:
+            _link(process, cameras, i, features, link)
         for u in range(n_ahead):
             e = arc[u]
-            k = classes.target[e]
-            at = classes.row_at[e] + 1 + c
-            if used[c] < 0:
+            k = near.target[e]
+            at = near.row_at[e] + c
+            worthless = reached + np.float64(pairs[j, k]) + known.beyond[k] < known.need
+            if worthless or (kind[i] >= 0 and kind[i] == kind[k]):
                 losses[at] = IMPOSSIBLE
                 continue
-            if c >= n_far:
-                worthless = reached + np.float64(pairs[j, k]) + known.beyond[k] < known.need
-                if worthless or (kind[i] >= 0 and kind[i] == kind[k]):
-                    losses[at] = IMPOSSIBLE
-                    continue
-            losses[at] = 0
             if used[c] == 0 or not usable[u]:
                 continue
-            if c < n_far:
-                place = early - features.low[k]
-                if place < 0 or place >= features.at[k + 1] - features.at[k]:
-                    continue
-                row, g = features.field[features.at[k] + place], root_of[c]
-                for b in range(rank):
-                    for a in range(3):
-                        d[a, b] = g[0, a] * row[0, b] + g[1, a] * row[1, b] + g[2, a] * row[2, b]
-                    d[3:, b] = 0.0
-            elif cameras.first[k] <= cameras.last[i]:
+            if cameras.first[k] <= cameras.last[i]:
                 while q < q_end and meeting.other[q] < k:
                     q += 1
                 if q == q_end or meeting.other[q] != k:
@@ -123,8 +108,7 @@ def fill_ahead(  # type: ignore[no-untyped-def]
                         )
             some, column = shared[u // SIDE], u % SIDE * rank
             left = _log_det_left(d, some, from_row, column, inverse[c], given[u], x_of)
-            information = log_det[u] - left
-            losses[at] = rounded_down(weight * information)
+            losses[at] = rounded_down(weight * (log_det[u] - left))
 
 
 @njit(cache=True)

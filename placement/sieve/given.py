@@ -5,14 +5,10 @@ With Cov(z_j) = L Lᵀ and B = Cov(·, z_j) L⁻ᵀ, a covariance given z_j is t
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numba import njit
 
-from placement.diagram.order import by_root, jacobi
-from placement.sieve.features import RANK, carry_columns, prior_matrix, solve_row
-from placement.tempered.process import prior_at
+from placement.sieve.features import carry_columns, prior_matrix, solve_row
 
 
 @njit(cache=True)
@@ -85,56 +81,6 @@ def camera_given(cameras, i, j, features, root, b, given):  # type: ignore[no-un
                 s -= b[a, z] * b[c, z]
             given[a, c] = s
     return True
-
-
-@njit(cache=True)
-def class_given(process, t, g, start, b, given):  # type: ignore[no-untyped-def]
-    """Fill B (RANK, 2 m) and the lower part of `given` of a class: y = Gᵀ x_t + ε, Cov(ε) = I."""
-    p = np.empty((3, 3))
-    prior_matrix(process, t, p)
-    for a in range(3):
-        for z in range(start.shape[1]):
-            b[a, z] = g[0, a] * start[0, z] + g[1, a] * start[1, z] + g[2, a] * start[2, z]
-    for a in range(3):
-        for c in range(a + 1):
-            s = 0.0
-            for x in range(3):
-                for y in range(3):
-                    s += g[x, a] * p[x, y] * g[y, c]
-            for z in range(start.shape[1]):
-                s -= b[a, z] * b[c, z]
-            given[a, c] = s
-        given[a, a] += 1.0
-    for a in range(3, RANK):
-        given[a, a] = 1.0  # the others tell nothing
-
-
-@njit(cache=True)
-def as_measurement(process, t, d, root):  # type: ignore[no-untyped-def]
-    """Fill `root` (3, 3) with R, R Rᵀ = (P − D)⁻¹ − P⁻¹; return whether it is of any use.
-
-    With P = L Lᵀ and L⁻¹ D L⁻ᵀ = V Λ Vᵀ that is L⁻ᵀ V √(Λ / (1 − Λ)), without a difference of
-    inverses; Λ a little less, for its rounding.
-    """
-    m, v = np.empty((3, 3)), np.empty((3, 3))
-    useful, low = by_root(prior_at(process, t), d, 3.0, m)
-    if not useful:
-        return False
-    l00, l10, l11, l20, l21, l22 = low
-    jacobi(m, v)
-    some = False
-    for k in range(3):
-        share = min(m[k, k] * (1.0 - 1e-9) - 1e-10, 1.0 - 1e-9)
-        if not share > 0.0:
-            root[0, k] = root[1, k] = root[2, k] = 0.0
-            continue
-        some = True
-        scale = math.sqrt(share / (1.0 - share))
-        z = scale * v[2, k] / l22
-        y = (scale * v[1, k] - l21 * z) / l11
-        root[0, k] = (scale * v[0, k] - l10 * y - l20 * z) / l00
-        root[1, k], root[2, k] = y, z
-    return some
 
 
 @njit(cache=True)

@@ -1,82 +1,216 @@
-"""Best paths to second order where each camera costs a price, over classes of predecessors.
+"""Best paths to second order where each camera costs a price.
 
-The value V(e) of an arc e = j → k is that of the best path that ends with it: over the classes c
-of cameras before j, V_c + g(k | j) − loss(e, c) − price, V_c the best of the arcs into j of that
-class, with what they pay to pass for it.
-One pass takes as long as there are losses, for all budgets at once.
+The value V(e) of an arc e = j → k is that of the best path that ends with it: over the cameras i
+before j, V(i → j) + g(k | j) − loss(i, e) − price. Losses to near cameras are kept one by one, all
+others are found again in each pass, many at a time (`placement.sieve.shared`). A path that falls
+short of `need` even with the best that may follow to first order, `ahead`, goes no further.
 """
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 
-from placement.sieve.classes import IMPOSSIBLE, STEPS
+from placement.objectives.windows.filter import row6
+from placement.sieve.neighbours import IMPOSSIBLE, STEPS
+from placement.sieve.shared import MARGIN, TERMS, put_left, put_right, raise_by, worth_of
+from placement.sieve.told import congruent
+
+LOOK = 16  # cameras between two looks at whether any more can be better
 
 
 @njit(cache=True)
-def forward(pairs, alone, classes, losses, price, values):  # type: ignore[no-untyped-def]
-    """Fill `values` (m,), by source, with the best path that ends with each arc."""
-    n_far, n_beyond = classes.n_far, classes.n_beyond
-    best = np.empty(1 + n_far + n_beyond)
-    for j in range(alone.size):
-        begin, end = classes.out_of[j], classes.out_of[j + 1]
+def put_before(told, near, a, j, at_early, weight, m, out):  # type: ignore[no-untyped-def]
+    """Fill `out` (15,) with the numbers of E of arc a into j, at `early` or at `beyond`."""
+    e = row6(told.before, a)
+    if near.near[a] or at_early:
+        put_left(
+            (
+                np.float64(e[0]), np.float64(e[1]), np.float64(e[2]),
+                np.float64(e[3]), np.float64(e[4]), np.float64(e[5]),
+            ),
+            weight, out,
+        )  # fmt: skip
+        return
+    congruent(told.link[j], e, m)
+    put_left((m[0, 0], m[0, 1], m[0, 2], m[1, 1], m[1, 2], m[2, 2]), weight, out)
+
+
+@njit(cache=True)
+def put_after(told, e, weight, out):  # type: ignore[no-untyped-def]
+    """Fill `out` (15,) with the numbers of K of arc e."""
+    k = row6(told.after, e)
+    put_right(
+        (
+            np.float64(k[0]), np.float64(k[1]), np.float64(k[2]),
+            np.float64(k[3]), np.float64(k[4]), np.float64(k[5]),
+        ),
+        weight, out,
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def forward(  # type: ignore[no-untyped-def]
+    pairs, alone, near, told, losses, weight, price, ahead, need, values
+):
+    """Fill `values` (m,), by source, with the best path that ends with each arc.
+
+    `ahead` (n,) is the most that may follow each camera.
+    """
+    n = alone.size
+    width = 0
+    for j in range(n):
+        width = max(width, near.out_of[j + 1] - near.out_of[j], near.into[j + 1] - near.into[j])
+    columns = np.zeros((2, TERMS, width), np.float32)
+    best = np.zeros((2, width), np.float32)
+    row, m = np.empty(TERMS, np.float32), np.empty((3, 3))
+    for j in range(n):
+        begin, end = near.out_of[j], near.out_of[j + 1]
         if begin == end:
             continue
-        one = np.full(classes.many[j], -np.inf)
-        best[:] = -np.inf
-        best[0] = alone[j] - price
-        for a in range(classes.into[j], classes.into[j + 1]):
-            v = values[classes.place[a]]
-            best[classes.group[a]] = max(best[classes.group[a]], v + classes.extra[a])
-            if classes.near[a]:
-                one[classes.rank[a]] = v
+        # who comes, the best first
+        first, value = near.into[j], np.empty(near.into[j + 1] - near.into[j])
+        one = np.full(near.many[j], -np.inf)
+        for q in range(value.size):
+            v = values[near.place[first + q]]
+            value[q] = v if v + ahead[j] >= need else -np.inf
+            if near.near[first + q]:
+                one[near.rank[first + q]] = value[q]
+        order = np.argsort(-value)
+        start = alone[j] - price
+        top = start if value.size == 0 else max(start, value[order[0]])
+        if top == -np.inf:
+            values[begin:end] = -np.inf
+            continue
+        # who may follow, ahead and beyond
+        many = np.zeros(2, np.int64)
         for e in range(begin, end):
-            at = classes.row_at[e]
-            most = best[0]
-            for c in range(1, 1 + n_far):
-                if losses[at + c] != IMPOSSIBLE:
-                    most = max(most, best[c] - losses[at + c] / STEPS)
-            if classes.ahead[e]:
+            side = 0 if near.ahead[e] else 1
+            put_after(told, e, 1.0, columns[side, :, many[side]])
+            many[side] += 1
+        for side in range(2):
+            best[side, : many[side]] = math.exp((start - top) / weight)
+            if many[side] == 0:
+                continue
+            for number in range(order.size):
+                q = order[number]
+                if value[q] == -np.inf:
+                    break
+                share = math.exp((value[q] - top) / weight)
+                if number % LOOK == 0 and share * (1.0 + 2.0 * MARGIN) <= np.min(
+                    best[side, : many[side]]
+                ):
+                    break
+                if side == 1 or not near.near[first + q]:
+                    put_before(told, near, first + q, j, side == 0, share, m, row)
+                    raise_by(row, columns[side], many[side], best[side])
+        many[:] = 0
+        for e in range(begin, end):
+            side = 0 if near.ahead[e] else 1
+            most = worth_of(best[side, many[side]], top, weight)
+            many[side] += 1
+            if side == 0:
+                at = near.row_at[e]
                 for c in range(one.size):
-                    loss = losses[at + 1 + n_far + c]
+                    loss = losses[at + c]
                     if loss != IMPOSSIBLE:
                         most = max(most, one[c] - loss / STEPS)
-            else:
-                for c in range(1 + n_far, 1 + n_far + n_beyond):
-                    if losses[at + c] != IMPOSSIBLE:
-                        most = max(most, best[c] - losses[at + c] / STEPS)
-            values[e] = most + pairs[j, classes.target[e]] - price
+            values[e] = most + pairs[j, near.target[e]] - price
 
 
 @njit(cache=True)
-def backward(pairs, may_end, classes, losses, price, values):  # type: ignore[no-untyped-def]
-    """Fill `values` (m,), by source, with the most that a path adds behind each arc."""
-    n_far, n_beyond = classes.n_far, classes.n_beyond
-    best = np.empty(1 + n_far + n_beyond)
-    for j in range(may_end.size - 1, -1, -1):
-        one = np.full(classes.many[j], may_end[j])
-        best[:] = may_end[j]
-        for e in range(classes.out_of[j], classes.out_of[j + 1]):
-            at = classes.row_at[e]
-            v = pairs[j, classes.target[e]] - price + values[e]
-            if v == -np.inf:
+def backward(  # type: ignore[no-untyped-def]
+    pairs, may_end, near, told, losses, weight, price, ahead, need, values, behind
+):
+    """Fill `behind` (m,), by source, with the most that a path adds behind each arc.
+
+    Of arcs that no path worth having goes through by `values`, with −∞.
+    """
+    n = may_end.size
+    width = 0
+    for j in range(n):
+        width = max(width, near.out_of[j + 1] - near.out_of[j], near.into[j + 1] - near.into[j])
+    columns = np.zeros((2, TERMS, width), np.float32)
+    best = np.zeros((2, width), np.float32)
+    row, m = np.empty(TERMS, np.float32), np.empty((3, 3))
+    for j in range(n - 1, -1, -1):
+        begin, end = near.out_of[j], near.out_of[j + 1]
+        # who comes: far ones at `early`, all at `beyond`
+        many = np.zeros(2, np.int64)
+        one = np.full(near.many[j], may_end[j])
+        for a in range(near.into[j], near.into[j + 1]):
+            if not values[near.place[a]] + ahead[j] >= need:
                 continue
-            best[0] = max(best[0], v)
-            for c in range(1, 1 + n_far):
-                if losses[at + c] != IMPOSSIBLE:
-                    best[c] = max(best[c], v - losses[at + c] / STEPS)
-            if classes.ahead[e]:
+            if not near.near[a]:
+                put_before(told, near, a, j, True, 1.0, m, columns[0, :, many[0]])
+                many[0] += 1
+            put_before(told, near, a, j, False, 1.0, m, columns[1, :, many[1]])
+            many[1] += 1
+        if many[1] == 0:
+            for a in range(near.into[j], near.into[j + 1]):
+                behind[near.place[a]] = -np.inf
+            continue
+        # who may follow, the best first
+        value = np.empty(end - begin)
+        for e in range(begin, end):
+            v = pairs[j, near.target[e]] - price + behind[e]
+            value[e - begin] = v if values[e] + behind[e] >= need else -np.inf
+        order = np.argsort(-value)
+        top = may_end[j] if value.size == 0 else max(may_end[j], value[order[0]])
+        if top > -np.inf:
+            best[:] = math.exp((may_end[j] - top) / weight)
+        for side in range(2 if top > -np.inf else 0):
+            if many[side] == 0:
+                continue
+            for number in range(order.size):
+                e = begin + order[number]
+                if value[e - begin] == -np.inf:
+                    break
+                share = math.exp((value[e - begin] - top) / weight)
+                if number % LOOK == 0 and share * (1.0 + 2.0 * MARGIN) <= np.min(
+                    best[side, : many[side]]
+                ):
+                    break
+                if (side == 0) == near.ahead[e]:
+                    put_after(told, e, share, row)
+                    raise_by(row, columns[side], many[side], best[side])
+        for e in range(begin, end):
+            if near.ahead[e] and value[e - begin] > -np.inf:
+                at, v = near.row_at[e], value[e - begin]
                 for c in range(one.size):
-                    loss = losses[at + 1 + n_far + c]
+                    loss = losses[at + c]
                     if loss != IMPOSSIBLE:
                         one[c] = max(one[c], v - loss / STEPS)
-            else:
-                for c in range(1 + n_far, 1 + n_far + n_beyond):
-                    if losses[at + c] != IMPOSSIBLE:
-                        best[c] = max(best[c], v - losses[at + c] / STEPS)
-        for a in range(classes.into[j], classes.into[j + 1]):
-            v = best[classes.group[a]] + classes.extra[a]
-            if classes.near[a]:
-                v = max(v, one[classes.rank[a]])
-            values[classes.place[a]] = v
+        many[:] = 0
+        for a in range(near.into[j], near.into[j + 1]):
+            most = -np.inf
+            if values[near.place[a]] + ahead[j] >= need:
+                if top > -np.inf:
+                    most = worth_of(best[1, many[1]], top, weight)
+                many[1] += 1
+                if near.near[a]:
+                    most = max(most, one[near.rank[a]])
+                else:
+                    if top > -np.inf:
+                        most = max(most, worth_of(best[0, many[0]], top, weight))
+                    many[0] += 1
+            behind[near.place[a]] = most
+
+
+@njit(cache=True)
+def losses_along(j, e, near, told, losses, weight, found):  # type: ignore[no-untyped-def]
+    """Fill `found` with the losses along arc e out of j to each camera before j, in nats."""
+    row, column, m = np.empty(TERMS), np.empty(TERMS), np.empty((3, 3))
+    put_after(told, e, 1.0, column)
+    for a in range(near.into[j], near.into[j + 1]):
+        if near.ahead[e] and near.near[a]:
+            loss = losses[near.row_at[e] + near.rank[a]]
+            found[a - near.into[j]] = np.inf if loss == IMPOSSIBLE else loss / STEPS
+            continue
+        put_before(told, near, a, j, near.ahead[e], 1.0, m, row)
+        product = row[TERMS - 1]
+        for q in range(TERMS - 1):
+            product += row[q] * column[q]
+        found[a - near.into[j]] = -worth_of(product, 0.0, weight)

@@ -25,7 +25,8 @@ from placement.bounds.concave import best_fraction
 from placement.bounds.concave_tree import split_until
 from placement.objectives.entropy import Entropy
 from placement.problem import Problem, Run
-from placement.sieve.passes import room_for, sift
+from placement.sieve.first import FirstOrder
+from placement.sieve.passes import sift
 from placement.sieve.sieve import Sieve
 from placement.solution import Proposal, Status
 from placement.solvers.exchange import polish
@@ -44,7 +45,7 @@ SHARES = (1.0, 0.95, 0.9, 0.8, 0.7, 0.6, 0.5, 0.35)
 THINNED = 600  # candidates of a thinned line
 FIRST_ORDER_PASSES = 5
 SECOND_ORDER_PASSES = 8
-LONG_S = 5.0  # a first-order pass that takes longer is left to the sieve to improve on
+LONG_S = 5.0  # a line whose first-order pass takes longer goes through sieves at once
 LABEL_PASSES = 12
 MOST_GAINS = 20_000_000  # gains of a diagram: with its tables, some 200 MB
 NARROW, WIDE = 4, 48  # labels a camera
@@ -92,7 +93,7 @@ class Proof(Incumbent):
     background: list[FloatArray] = field(init=False)
     # by share: candidates, a price, and what may come beyond each of them
     _beyond: dict[float, tuple[IntArray, float, FloatArray | None]] = field(default_factory=dict)
-    _whole: Tempered | None = None  # the last first order over more arcs than there is room for
+    _sieved: bool = False  # whether the line has been through a sieve
 
     def work(self) -> bool:
         """Go through the stages; return whether there is nothing left that time could improve."""
@@ -108,10 +109,15 @@ class Proof(Incumbent):
             return True
         if line is None:
             return not run.out_of_time()
-        line = self._first_order(line, SHARES if self.white else PERSISTENT_SHARES)
-        if self.closed() or self.problem.constraints.budget < 2:
-            return True
-        line = self._sieve(line)
+        share, seconds = self._best_share(line, SHARES if self.white else PERSISTENT_SHARES)
+        if self._sieves and seconds * line.candidate.size**2 > LONG_S:
+            # what suits a sieve, which has the last word, is nearer to 1
+            line = self._sieve(line, (1.0 + share) / 2)
+        if not self._sieved:
+            line = self._first_order(line, share, seconds)
+            if self.closed() or self.problem.constraints.budget < 2:
+                return True
+            line = self._sieve(line, float(self.stats["share"]))
         if self.closed():
             return True
         line = self._diagrams(line)
@@ -175,12 +181,11 @@ class Proof(Incumbent):
         """Whether there is a single drive, as a sieve wants it."""
         return len(self.objective.drives) == 1
 
-    def _first_order(self, line: Line, shares: tuple[float, ...]) -> Line:
-        """Bound by first-order chains at the shares that bound best, and thin out the line."""
-        share, seconds = self._best_share(line, shares)
-        plain = share
-        if self._sieves and seconds * line.candidate.size**2 > LONG_S:
-            share = (1.0 + share) / 2  # what suits the sieve, which has the last word, is nearer 1
+    def _first_order(self, line: Line, share: float, seconds: float) -> Line:
+        """Bound by first-order chains at the shares that bound best, and thin out the line.
+
+        The first pass is at `share`; a pair of candidates takes `seconds`.
+        """
         for _ in range(FIRST_ORDER_PASSES):
             n = line.candidate.size
             if n < 2 or 0.25 * seconds * n * n > self.inner.remaining():
@@ -193,18 +198,7 @@ class Proof(Incumbent):
             line = bound.survivors(self.score)
             if time.monotonic() - started < 1.0:
                 break
-            many = self._sieves and self._triples(line) > MOST_TRIPLES
-            useless = line.alive.sum() > WORTH_IT * before
-            if many and (useless or time.monotonic() - started > LONG_S):
-                self._whole = bound.over(line) if bound.covers(line) else None
-                if room_for(line, self._whole, self.inner):
-                    break
-                self._whole = None
-                if share != plain:
-                    share = plain
-                    bound = self._chain(line, share)
-                    line = bound.survivors(self.score)
-            if useless:
+            if line.alive.sum() > WORTH_IT * before:
                 share, line = self._nearer_share(line, share, bound.bound())
                 break
             near = [s for s in (share - 0.05, share, share + 0.05, (1.0 + share) / 2) if s <= 1.0]
@@ -241,34 +235,31 @@ class Proof(Incumbent):
 
         return better_share(share, bound, evaluate, may_go_on), line
 
-    def _sieve(self, line: Line) -> Line:
+    def _sieve(self, line: Line, share: float) -> Line:
         """Thin out a line with more pairs of arcs than the second order has room for."""
-        if not self._sieves:
+        self.stats["share"] = share
+        if not self._sieves or self.problem.constraints.budget < 2:
             return line
 
-        def first_order(line: Line, share: float) -> Tempered:
-            known, self._whole = self._whole, None
-            if known is not None and known.theta == share and known.covers(line):
-                return known.over(line)
-            return self._tempered(line, share)
-
-        def report(sieve: Sieve, share: float) -> bool:
-            self.bounded(
-                f"tempered chain, second order by classes, share {share:.4g}", sieve.bound()
-            )
-            self.try_path(sieve.path())
-            self._beyond[share] = sieve.first.line.candidate, sieve.price, sieve.beyond
+        def report(found: FirstOrder | Sieve, share: float) -> bool:
+            if isinstance(found, FirstOrder):
+                self.bounded(f"tempered chain, first order, share {share:.4g}", found.bound())
+                return self.closed()
+            self.bounded(f"tempered chain, second order, sieved, share {share:.4g}", found.bound())
+            self.try_path(found.path())
+            self._beyond[share] = found.first.line.candidate, found.price, found.beyond
             return self.closed()
 
-        line, self.stats["share"] = sift(
+        line, self.stats["share"], sieves = sift(
             line,
-            float(self.stats.get("share", 1.0)),
-            first_order,
+            share,
+            self._tempered,
             lambda: self.score,
             report,
             lambda left: self._triples(left) <= MOST_TRIPLES,
             self.inner,
         )
+        self._sieved = self._sieved or sieves > 0
         self._left(line)
         return line
 

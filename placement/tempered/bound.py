@@ -143,13 +143,12 @@ class Tempered:
     run: Run
     alone: FloatArray = field(init=False)
     pairs: NDArray[np.float32] = field(init=False)
-    F: FloatArray = field(init=False)
-    B: FloatArray = field(init=False)
+    _tables: tuple[FloatArray, FloatArray] | None = field(init=False, default=None)
     constant: float = field(init=False)
     drives: list[OnDrive] = field(init=False)
 
     def __post_init__(self) -> None:
-        """Compute all gains to first order and the tables of best paths."""
+        """Compute all gains to first order."""
         n = self.line.candidate.size
         self.drives = [
             on_drive(drive, self.line.candidate, base, self.theta)
@@ -178,8 +177,24 @@ class Tempered:
         self.constant = (at_rest - (1.0 - self.theta) * at_y) + ROUNDING * (at_rest + at_y)
         self.alone = self.alone * (1.0 + 1e-9) + 1e-9 * (self.alone > 0.0)
         self.alone[~self.line.may_start] = -np.inf
-        k = max(self.budget, 1)
-        self.F, self.B = paths.tables(self.pairs, self.alone, self.ends, k, self.run)
+
+    @property
+    def tables(self) -> tuple[FloatArray, FloatArray]:
+        """Return the tables F and B (k, n) of best paths (`placement.tempered.paths.tables`)."""
+        if self._tables is None:
+            k = max(self.budget, 1)
+            self._tables = paths.tables(self.pairs, self.alone, self.ends, k, self.run)
+        return self._tables
+
+    @property
+    def F(self) -> FloatArray:  # noqa: N802
+        """Return the best path of l + 1 cameras that ends with each, (k, n)."""
+        return self.tables[0]
+
+    @property
+    def B(self) -> FloatArray:  # noqa: N802
+        """Return the most that at most r further cameras add to each, (k, n)."""
+        return self.tables[1]
 
     def covers(self, line: Line) -> bool:
         """Say whether `line` has the same candidates, and no other arcs."""

@@ -32,15 +32,27 @@ class Arcs(NamedTuple):
 
 def lay_out(alive: BoolArray) -> Arcs:
     """Lay out the arcs that `alive` (n, n) marks."""
-    n = len(alive)
-    # contiguous, so that kernels are compiled for one kind of array
-    target, source = (np.ascontiguousarray(part) for part in np.nonzero(alive.T))
-    out = np.lexsort((target, source))
-    into = np.concatenate([[0], np.cumsum(np.bincount(target, minlength=n))]).astype(np.int64)
-    out_of = np.concatenate([[0], np.cumsum(np.bincount(source, minlength=n))]).astype(np.int64)
+    into = np.concatenate([[0], np.cumsum(alive.sum(axis=0))]).astype(np.int64)
+    out_of = np.concatenate([[0], np.cumsum(alive.sum(axis=1))]).astype(np.int64)
+    m = int(into[-1])
+    source, target, out = (np.empty(m, dtype=np.int64) for _ in range(3))
+    _fill_arcs(alive, into, source, target, out)
     follow = np.diff(out_of)[target]
     triple = np.concatenate([[0], np.cumsum(follow)]).astype(np.int64)
     return Arcs(source, target, into, out, out_of, triple)
+
+
+@njit(cache=True)
+def _fill_arcs(alive, into, source, target, out):  # type: ignore[no-untyped-def]
+    taken = into[:-1].copy()
+    e = 0
+    for a in range(alive.shape[0]):
+        for b in range(alive.shape[1]):
+            if alive[a, b]:
+                at = taken[b]
+                taken[b] += 1
+                source[at], target[at], out[e] = a, b, at
+                e += 1
 
 
 @njit(cache=True, parallel=True)
