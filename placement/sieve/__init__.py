@@ -1,1 +1,1 @@
-"""The tempered chain to second order over millions of arcs, by classes of cameras before."""
+"""The tempered chain to second order over millions of arcs: a sieve for lines that are long."""

@@ -59,7 +59,7 @@ class FirstOrder:
             self.need(self.price),
         )  # fmt: skip
         (d,) = first.drives
-        self.near = neighbours_of(paths.lay_out(alive), d.narrow)
+        self.near = neighbours_of(alive, d.narrow)
 
     @property
     def arcs(self) -> int:

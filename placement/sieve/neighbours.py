@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from models.geometry import BoolArray, IntArray
-from placement.tempered.paths import Arcs
 from placement.tempered.process import Cameras
 
 STEPS = 1024.0  # losses kept one by one are whole numbers of 1 / STEPS
@@ -30,47 +30,55 @@ class Neighbours(NamedTuple):
     """
 
     into: IntArray  # (n + 1,) arcs by target
-    source: IntArray  # (m,) in that order
+    source: NDArray[np.int32]  # (m,) in that order
     out_of: IntArray  # (n + 1,) arcs by source
-    target: IntArray  # (m,) in that order
-    place: IntArray  # (m,) of the arcs by target, where they are by source
+    target: NDArray[np.int32]  # (m,) in that order
+    place: NDArray[np.int32]  # (m,) of the arcs by target, where they are by source
     early: IntArray  # (n,) the first sample that j or any camera after it may see
     beyond: IntArray  # (n,) the last sample that j or a near one sees
     near: BoolArray  # (m,) by target: the source is near
-    rank: IntArray  # (m,) by target: its number among j's near ones
+    rank: NDArray[np.int32]  # (m,) by target: its number among j's near ones
     many: IntArray  # (n,) how many of those
     ahead: BoolArray  # (m,) by source: the target sees what the source or a near one of it sees
     row_at: IntArray  # (m + 1,) by source, into the losses
 
 
-def neighbours_of(arcs: Arcs, cameras: Cameras) -> Neighbours:
-    """Lay out the neighbours of all cameras."""
-    n, m = cameras.first.size, len(arcs.out)
+def neighbours_of(alive: BoolArray, cameras: Cameras) -> Neighbours:
+    """Lay out the neighbours of all cameras, along the arcs that `alive` (n, n) marks."""
+    n = cameras.first.size
+    into = np.concatenate([[0], np.cumsum(alive.sum(axis=0))]).astype(np.int64)
+    out_of = np.concatenate([[0], np.cumsum(alive.sum(axis=1))]).astype(np.int64)
+    m = int(into[-1])
     found = Neighbours(
-        arcs.into,
-        arcs.source,
-        arcs.out_of,
-        target=np.empty(m, dtype=np.int64),
-        place=np.empty(m, dtype=np.int64),
+        into,
+        np.empty(m, dtype=np.int32),
+        out_of,
+        np.empty(m, dtype=np.int32),
+        np.empty(m, dtype=np.int32),
         early=cameras.first.astype(np.int64),  # of the blind the last sample
         beyond=np.empty(n, dtype=np.int64),
         near=np.empty(m, dtype=np.bool_),
-        rank=np.zeros(m, dtype=np.int64),
+        rank=np.zeros(m, dtype=np.int32),
         many=np.zeros(n, dtype=np.int64),
         ahead=np.empty(m, dtype=np.bool_),
         row_at=np.zeros(m + 1, dtype=np.int64),
     )
-    _fill(arcs.out, arcs.target, cameras.first, cameras.last, found)
+    _fill(alive, cameras.first, cameras.last, found)
     return found
 
 
 @njit(cache=True)
-def _fill(out, target, first, last, found):  # type: ignore[no-untyped-def]
+def _fill(alive, first, last, found):  # type: ignore[no-untyped-def]
+    taken = found.into[:-1].copy()
+    e = 0
     for j in range(first.size):
-        for e in range(found.out_of[j], found.out_of[j + 1]):
-            k = target[out[e]]
-            found.target[e], found.place[out[e]] = k, e
-            found.early[j] = min(found.early[j], first[k])
+        for k in range(first.size):
+            if alive[j, k]:
+                at = taken[k]
+                taken[k] += 1
+                found.source[at], found.place[at], found.target[e] = j, e, k
+                found.early[j] = min(found.early[j], first[k])
+                e += 1
     for j in range(first.size):
         far = max(np.int64(last[j]), found.early[j])
         for a in range(found.into[j], found.into[j + 1]):

@@ -13,8 +13,8 @@ from placement.sieve.sieve import Sieve
 from placement.tempered.bound import Line, Tempered
 
 PASSES = 8
-MOST_BYTES = 9e9
-ARC_BYTES, LOSS_BYTES = 150, 2
+MOST_BYTES = 6e9
+ARC_BYTES, LOSS_BYTES = 100, 2
 LOSS_S, ARC_S = 2e-7, 7e-7  # processor seconds for a loss kept, and for all else of an arc
 PASS_S = 1.2e-6  # for an arc in all passes over paths
 MOST_SHARE = 0.85  # of the time left, that a sieve may take

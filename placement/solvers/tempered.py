@@ -7,10 +7,9 @@ placement are left out, which lets the next share θ, then the diagram, whose ga
 that came before (`placement.tempered.diagram`), then the second order bound more sharply; and the
 best paths, polished by swaps, better the placement. What remains is searched best first.
 
-Cameras with persistent offsets have a white background, of cameras that stand in for them
-(`placement.tempered.background`), and a dear and weak relaxation: it has a tenth of the time unless
-it comes near. Where it comes very near it is branched on. `stats["bounds"]` tells what each stage
-has proven.
+Cameras with persistent offsets have a chain for a background (`placement.tempered.chains`), and a
+dear and weak relaxation: it has a twentieth of the time unless it comes near. Where it comes very
+near it is branched on. `stats["bounds"]` tells what each stage has proven.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from placement.solution import Proposal, Status
 from placement.solvers.exchange import polish
 from placement.solvers.greedy import climb
 from placement.solvers.incumbent import Incumbent
-from placement.tempered.background import background_of, stand_in
+from placement.tempered.background import Background, background_of, chains_of, stand_in
 from placement.tempered.bound import Line, SecondOrder, Tempered, make_line
 from placement.tempered.diagram import Diagram
 from placement.tempered.dominance import undominated
@@ -90,7 +89,7 @@ def solve_tempered(problem: Problem, run: Run) -> Proposal:
 class Proof(Incumbent):
     """The stages of a proof, one after another."""
 
-    background: list[FloatArray] = field(init=False)
+    background: list[Background] = field(init=False)
     # by share: candidates, a price, and what may come beyond each of them
     _beyond: dict[float, tuple[IntArray, float, FloatArray | None]] = field(default_factory=dict)
     _sieved: bool = False  # whether the line has been through a sieve
@@ -165,10 +164,12 @@ class Proof(Incumbent):
         self.stats["candidates_after_relaxation"] = int(left.size)
         if 4.0 * left.size**2 > MOST_PAIRS:
             return None
-        white, y = stand_in(self.objective), found.x
-        if white is not self.objective:
+        known = chains_of(self.objective, found.x)
+        if known is None:
+            white = stand_in(self.objective)
             y = best_fraction(white, choice, self.inner, tolerance=1e-3).x
-        self.background = background_of(white, y)
+            known = list(background_of(white, y))
+        self.background = known
         return make_line(self.objective, constraints, left)
 
     @property
@@ -320,18 +321,19 @@ class Proof(Incumbent):
         if best is None or second is None:
             return False
         share = best[1]
-        candidates = []
+        candidates: list[tuple[float, float, SecondOrder | Diagram]] = []
         for other in sorted({share, 1.0, high}):
             second = SecondOrder(self._tempered(line, other), self.score)
             width = min(WIDE, MOST_GAINS // max(int(line.alive.sum()), 1))
             diagram = Diagram(second.first, width, self.score, second)
             self.bounded(f"tempered diagram, second order, share {other:g}", diagram.bound())
+            candidates.append((second.bound(), other, second))
             candidates.append((diagram.bound(), other, diagram))
-        _, share, diagram = min(candidates, key=lambda entry: entry[:2])
+        _, share, sharpest = min(candidates, key=lambda entry: entry[:2])
         self.stats["search_share"] = share
         self.run.progress("searching what is left", None)
         return search(
-            diagram,
+            sharpest,
             self.problem.constraints,
             self.inner,
             lambda: self.score,

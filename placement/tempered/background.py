@@ -1,12 +1,15 @@
-"""White backgrounds for the tempered chain, also where cameras' errors persist.
+"""Backgrounds for the tempered chain, also where cameras' errors persist.
 
-Any positive semidefinite information is a valid background (`placement.tempered.bound`), but only
-a white one leaves the trajectory a Markov chain. Cameras with persistent offsets are therefore
-stood in for by white ones, each weakened until it tells as much alone as the camera itself does.
+Any positive semidefinite information is a valid background (`placement.tempered.bound`), but it
+must leave the trajectory a Markov chain: a white one does, and so does one that is a chain itself
+(`placement.tempered.chains`), which stands for cameras with persistent offsets. Where odometry
+knows a direction for certain there is none; then white cameras stand in for them, each weakened
+until it tells as much alone as the camera itself does.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,11 +19,16 @@ from placement.objectives.entropy import Entropy
 from placement.objectives.navigation import WhiteDrive
 from placement.objectives.navigation_chain import Drive
 from placement.objectives.windows.filter import empty_messages, filter_forward
+from placement.tempered import chains
+from placement.tempered.chains import Chain
 from placement.tempered.crossings import ROW, alone, cross_each
-from placement.tempered.process import cameras_of, take_in
+from placement.tempered.process import Process, cameras_of, take_in
 
 HALVINGS = 12  # of the interval that holds the share's logarithm: to a half per cent
 LEAST_SHARE = 1e-6
+ROUNDING = 1e-11  # relative error allowed for in f at fractional points
+
+Background = FloatArray | Chain  # information (t, 3) of each sample, or a chain
 
 
 def stand_in(objective: Entropy) -> Entropy:
@@ -36,6 +44,23 @@ def background_of(white: Entropy, y: FloatArray) -> list[FloatArray]:
     return [WhiteDrive(drive).total(support, y[support]) for drive in white.drives]
 
 
+def chains_of(objective: Entropy, x: FloatArray) -> list[Background] | None:
+    """Return backgrounds for the fractional choice `x` (c,): chains where errors persist.
+
+    None where odometry has a direction without noise, which leaves no chain to stand for them.
+    """
+    found: list[Background] = []
+    for drive in objective.drives:
+        if not drive.persistent:
+            found += background_of(Entropy([drive]), x)
+            continue
+        chain = chains.chain_of(drive, x)
+        if chain is None:
+            return None
+        found.append(chain)
+    return found
+
+
 def score_of(objective: Entropy, background: list[FloatArray], share: float) -> float:
     """Return f at `share` of a background, in nats."""
     found = 0.0
@@ -45,6 +70,27 @@ def score_of(objective: Entropy, background: list[FloatArray], share: float) -> 
             filter_forward(drive.steps(), drive.initial_covariance(), share * base, *messages)
         )
     return found
+
+
+def constant_of(objective: Entropy, backgrounds: Sequence[Background], theta: float) -> float:
+    """Return f at a share 1 − θ of the background less (1 − θ) f at the whole, rounded up."""
+    found = 0.0
+    for drive, base in zip(objective.drives, backgrounds, strict=True):
+        if isinstance(base, Chain):
+            part, magnitude = chains.constant_of(drive, base, theta)
+        else:
+            one = replace(drive, weight=1.0)
+            at_y, at_rest = (score_of(Entropy([one]), [base], s) for s in (1.0, 1.0 - theta))
+            part, magnitude = at_rest - (1.0 - theta) * at_y, at_rest + at_y
+        found += drive.weight * (part + ROUNDING * magnitude)
+    return found
+
+
+def process_of(drive: Drive, base: Background, theta: float) -> Process:
+    """Return odometry with a share 1 − `theta` of the background taken in, as a chain."""
+    if isinstance(base, Chain):
+        return chains.mixed(drive, base, theta)
+    return take_in(drive.steps(), drive.initial_covariance(), (1.0 - theta) * base)
 
 
 def _whitened(drive: Drive) -> Drive:

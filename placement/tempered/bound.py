@@ -27,6 +27,7 @@ that is a fact about placements, so what different θ and y rule out adds up.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -41,17 +42,16 @@ from placement.objectives.entropy import Entropy
 from placement.objectives.navigation_chain import Drive
 from placement.problem import Run
 from placement.tempered import paths
-from placement.tempered.background import score_of
+from placement.tempered.background import Background, constant_of, process_of
 from placement.tempered.crossings import ROW, alone, cross_each
 from placement.tempered.gains import add_pair_gains, add_triple_gains, fill_pair_gains
-from placement.tempered.process import Cameras, Process, cameras_of, larger_pieces, take_in
+from placement.tempered.process import Cameras, Process, cameras_of, larger_pieces
 
 ROWS = 128  # of gains between two looks at the clock
 TRIPLES = 500_000  # the same
 ARC_WORK = 50  # gains that take as long as one arc
 TRIPLE_S = 6e-5  # seconds for three windows that meet, with offsets
 TRIPLE_SHARE = 0.15  # of the time left that those may take
-ROUNDING = 1e-11  # relative error allowed for in f at fractional points
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,13 +133,13 @@ class OnDrive(NamedTuple):
 
 @dataclass(slots=True)
 class Tempered:
-    """The bound for one background (t, 3) a drive and one share, over a line of candidates."""
+    """The bound for one background a drive and one share, over a line of candidates."""
 
     objective: Entropy
     line: Line
     budget: int
     theta: float
-    background: list[FloatArray]
+    background: Sequence[Background]
     run: Run
     alone: FloatArray = field(init=False)
     pairs: NDArray[np.float32] = field(init=False)
@@ -172,9 +172,7 @@ class Tempered:
                     min(begin + ROWS, n),
                     self.pairs,
                 )
-        at_y = score_of(self.objective, self.background, 1.0)
-        at_rest = score_of(self.objective, self.background, 1.0 - self.theta)
-        self.constant = (at_rest - (1.0 - self.theta) * at_y) + ROUNDING * (at_rest + at_y)
+        self.constant = constant_of(self.objective, self.background, self.theta)
         self.alone = self.alone * (1.0 + 1e-9) + 1e-9 * (self.alone > 0.0)
         self.alone[~self.line.may_start] = -np.inf
 
@@ -353,12 +351,12 @@ def triples_that_meet(arcs: paths.Arcs, cameras: Cameras) -> float:
     return float(found)
 
 
-def on_drive(drive: Drive, candidates: IntArray, base: FloatArray, theta: float) -> OnDrive:
+def on_drive(drive: Drive, candidates: IntArray, base: Background, theta: float) -> OnDrive:
     """Lay out `candidates` of one drive with a share 1 − `theta` of the background `base` taken in.
 
     Each counts with a share `theta` of its information.
     """
-    process = take_in(drive.steps(), drive.initial_covariance(), (1.0 - theta) * base)
+    process = process_of(drive, base, theta)
     over = replace(drive, information=restricted_information(drive.information, candidates))
     cameras = cameras_of(over, theta)
     all_rows, by_itself = np.empty((candidates.size, ROW)), np.zeros(candidates.size)

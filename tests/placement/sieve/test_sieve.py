@@ -21,7 +21,7 @@ from placement.sieve.first import FirstOrder
 from placement.sieve.neighbours import STEPS
 from placement.sieve.sieve import Sieve
 from placement.tempered import states
-from placement.tempered.background import background_of, stand_in
+from placement.tempered.background import background_of, chains_of, stand_in
 from placement.tempered.bound import SecondOrder, Tempered, make_line
 from placement.tempered.diagram import Diagram
 from placement.tempered.paths import OutOfTimeError
@@ -65,7 +65,9 @@ def first_order(drive: Drive, budget: int, share: float, level: float) -> tuple[
     objective = Entropy([drive])
     line = make_line(objective, Constraints(n, budget, np.full(n, -1), NONE, NONE), np.arange(n))
     rng = np.random.default_rng(n)
-    background = background_of(stand_in(objective), rng.uniform(0.0, level, n))
+    y = rng.uniform(0.0, level, n)
+    background = chains_of(objective, y) if drive.persistent else background_of(objective, y)
+    assert background is not None
     first = Tempered(objective, line, budget, share, background, new_run())
     return first, Dense(drive, background[0], share)
 
@@ -263,7 +265,8 @@ def hold_sieves_against_brute_force(seed: int, offsets: int) -> None:
     rng = np.random.default_rng([seed, 2])
     for share in SHARES:
         y = rng.uniform(0.0, rng.uniform(0.0, 1.0), constraints.n)
-        background = background_of(stand_in(objective), y)
+        background = chains_of(objective, y) if seed % 3 else None
+        background = background or background_of(stand_in(objective), y)
         first = Tempered(objective, line, constraints.budget, share, background, new_run())
         whole = sieve_of(first)
         assert whole.bound() >= best * (1.0 - 1e-9) - 1e-9

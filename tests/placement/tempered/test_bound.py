@@ -19,7 +19,7 @@ from placement.objectives.navigation_chain import Drive
 from placement.problem import Problem, Run
 from placement.solution import Status
 from placement.solve import solve
-from placement.tempered.background import background_of, stand_in
+from placement.tempered.background import background_of, chains_of, stand_in
 from placement.tempered.bound import SecondOrder, Tempered, make_line
 from placement.tempered.diagram import Diagram
 from placement.tempered.search import gains_beyond, search
@@ -86,6 +86,8 @@ def hold_bounds_against_brute_force(seed: int, offsets: int = 0) -> None:
     anything = rng.uniform(0.0, 1.0, constraints.n)  # any background is valid, even out of budget
     for share, y in itertools.product(SHARES, (relaxed.x, anything)):
         background = background_of(white, y)
+        if offsets and y is relaxed.x:
+            background = chains_of(objective, y) or background
         first = Tempered(objective, line, k, share, background, new_run())
         assert first.bound() >= best - 1e-12
         left = first.survivors(beat)
