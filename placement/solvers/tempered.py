@@ -110,8 +110,8 @@ class Proof(Incumbent):
             return not run.out_of_time()
         share, seconds = self._best_share(line, SHARES if self.white else PERSISTENT_SHARES)
         if self._sieves and seconds * line.candidate.size**2 > LONG_S:
-            # what suits a sieve, which has the last word, is nearer to 1
-            line = self._sieve(line, (1.0 + share) / 2)
+            # what suits the second order is nearer to 1
+            line = self._sieve(line, (3.0 + share) / 4)
         if not self._sieved:
             line = self._first_order(line, share, seconds)
             if self.closed() or self.problem.constraints.budget < 2:
