@@ -12,8 +12,8 @@ import math
 import numpy as np
 from numba import njit
 
-from placement.sieve.features import RANK, factor, prior_matrix
-from placement.sieve.given import camera_given, invert
+from placement.sieve.features import RANK, factor, some_noise
+from placement.sieve.given import camera_given
 from placement.sieve.neighbours import IMPOSSIBLE, rounded_down
 from placement.sieve.told import tell_ahead
 
@@ -23,7 +23,7 @@ BLOCK, SIDE = 4, 32  # cameras before, and ahead, whose covariances are found to
 
 @njit(cache=True)
 def fill_ahead(  # type: ignore[no-untyped-def]
-    j, process, cameras, whole, kind, weight, pairs, near, features, meeting, known, root, parted,
+    j, cameras, whole, kind, weight, pairs, near, features, meeting, known, root, parted,
     at_early, start, before, used, camera, told, losses,
 ):  # fmt: skip
     """Fill the rows of arcs to cameras that see what j or its near ones see."""
@@ -50,10 +50,10 @@ def fill_ahead(  # type: ignore[no-untyped-def]
         k = near.target[e]
         arc[u] = e
         if whole[k] and camera_given(cameras, k, j, features, root, one, given[u]):
-            usable[u] = True
             low[:] = given[u]
             log_det[u] = factor(low, rank)
-            if parted:
+            usable[u] = some_noise(low, rank)
+            if parted and usable[u]:
                 tell_ahead(j, e, k, features, near, at_early, start, one, low, told)
             for a in range(rank):
                 for z in range(size):
@@ -73,8 +73,8 @@ def fill_ahead(  # type: ignore[no-untyped-def]
         i = camera[c]
         reached = known.into[i] + np.float64(pairs[i, j]) - 2.0 * known.price
         q, q_end = meeting.at[i], meeting.at[i + 1]
-        if used[c] > 0:
-            _link(process, cameras, i, features, link)
+        if used[c] > 0:  # Cov(y_i, y_k) is that with the state between them, pulled back
+            link[:] = features.field[features.at[i] + cameras.last[i] - features.low[i]]
         for u in range(n_ahead):
             e = arc[u]
             k = near.target[e]
@@ -100,7 +100,7 @@ def fill_ahead(  # type: ignore[no-untyped-def]
                 place = cameras.last[i] - features.low[k]
                 if place < 0:
                     continue
-                row = features.field[features.at[k] + place]
+                row = features.pull[features.at[k] + place]
                 for a in range(rank):
                     for b in range(rank):
                         d[a, b] = (
@@ -108,24 +108,7 @@ def fill_ahead(  # type: ignore[no-untyped-def]
                         )
             some, column = shared[u // SIDE], u % SIDE * rank
             left = _log_det_left(d, some, from_row, column, inverse[c], given[u], x_of)
-            losses[at] = rounded_down(weight * (log_det[u] - left))
-
-
-@njit(cache=True)
-def _link(process, cameras, i, features, link):  # type: ignore[no-untyped-def]
-    """Fill `link` (3, r) with P⁻¹ Cov(x_t, y_i) at the last sample t that i sees.
-
-    Cov(y_i, y_k) = linkᵀ Cov(x_t, y_k) for a camera k that sees later samples only.
-    """
-    t = cameras.last[i]
-    p, g = np.empty((3, 3)), np.zeros((3, 3))
-    prior_matrix(process, t, p)
-    if not invert(p, g):
-        g[:] = np.nan
-    row = features.field[features.at[i] + t - features.low[i]]
-    for x in range(3):
-        for a in range(row.shape[1]):
-            link[x, a] = g[x, 0] * row[0, a] + g[x, 1] * row[1, a] + g[x, 2] * row[2, a]
+            losses[at] = rounded_down(log_det[u] - left, weight)
 
 
 @njit(cache=True)
@@ -133,7 +116,7 @@ def _log_det_left(d, shared, row, column, inverse, given, x):  # type: ignore[no
     """Return log det of Cov(y_k | z_j, y), d − `shared` the covariance of y and y_k given z_j.
 
     With Cov(y | z_j) = L Lᵀ, `inverse` = L⁻¹ and `given` the lower part of Cov(y_k | z_j), that is
-    `given` − (L⁻¹ d)ᵀ (L⁻¹ d), here by its pivots. +∞ where rounding leaves none.
+    `given` − (L⁻¹ d)ᵀ (L⁻¹ d), here by its pivots: at least 1 each, that of the noise.
     """
     for a in range(RANK):
         for b in range(RANK):
@@ -150,9 +133,7 @@ def _log_det_left(d, shared, row, column, inverse, given, x):  # type: ignore[no
             d[a, b] = s
     product = 1.0
     for b in range(RANK):
-        pivot = d[b, b]
-        if not pivot > 0.0:
-            return np.inf
+        pivot = max(d[b, b], 1.0)
         product *= pivot
         inv = 1.0 / pivot
         for a in range(b + 1, RANK):

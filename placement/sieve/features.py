@@ -41,6 +41,7 @@ class Features(NamedTuple):
     low: IntArray  # (n,) the first sample of each field
     at: IntArray  # (n + 1,) rows of each field
     field: FloatArray  # (rows, 3, r) Cov(x_t, y)
+    pull: FloatArray  # (rows, 3, r): of what y sees after t, Cov(·, y) is Cov(·, x_t) times this
 
 
 def features_of(process: Process, cameras: Cameras, rank: int) -> Features:
@@ -57,6 +58,7 @@ def features_of(process: Process, cameras: Cameras, rank: int) -> Features:
         np.zeros((n, rank, rank)),
         low.astype(np.int64),
         at,
+        np.zeros((int(at[-1]), 3, rank)),
         np.zeros((int(at[-1]), 3, rank)),
     )
     _find(process, cameras, found)
@@ -79,6 +81,7 @@ def _find_one(i, process, cameras, features):  # type: ignore[no-untyped-def]
         _fill_field(
             process, cameras, i, features.weights[i], features.low[i],
             features.field[features.at[i] : features.at[i + 1]],
+            features.pull[features.at[i] : features.at[i + 1]],
         )  # fmt: skip
 
 
@@ -160,6 +163,12 @@ def factor(m, n):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def some_noise(m, n):  # type: ignore[no-untyped-def]
+    """Say whether a Cholesky factor (n, n) is of features: their noise alone has covariance I."""
+    return n == 0 or np.diag(m)[:n].min() >= 1.0 - 1e-6
+
+
+@njit(cache=True)
 def solve_row(m, n, row):  # type: ignore[no-untyped-def]
     """Replace `row` (n,) by m⁻¹ row, `m` a Cholesky factor."""
     for a in range(n):
@@ -232,8 +241,8 @@ def _orthonormal(v):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _fill_field(process, cameras, i, weights, low, field):  # type: ignore[no-untyped-def]
-    """Fill `field` (rows, 3, r) with Cov(x_t, y_i) for the samples from `low` on."""
+def _fill_field(process, cameras, i, weights, low, field, pull):  # type: ignore[no-untyped-def]
+    """Fill `field` (rows, 3, r) with Cov(x_t, y_i) for the samples from `low` on, and `pull`."""
     begin, end = cameras.indptr[i], cameras.indptr[i + 1]
     rank, rows = weights.shape[0], field.shape[0]
     c, back, row = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, rank))
@@ -255,6 +264,7 @@ def _fill_field(process, cameras, i, weights, low, field):  # type: ignore[no-un
     row[:] = 0.0
     entry = end - 1
     for t in range(low + rows - 1, low - 1, -1):
+        pull[t - low] = row
         prior_matrix(process, t, c)
         for x in range(3):
             for r in range(rank):

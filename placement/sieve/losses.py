@@ -84,15 +84,17 @@ def _fill_around(  # type: ignore[no-untyped-def]
         if near.near[a]:
             c, i = near.rank[a], near.source[a]
             camera[c] = i
-            if camera_given(
-                cameras, i, j, features, root, before[0][c], before[1][c]
-            ) and inverse_factor(before[1][c], before[1][c]):
-                used[c] = RANK
+            b, inverse = before[0][c], before[1][c]
+            if camera_given(cameras, i, j, features, root, b, inverse) and inverse_factor(
+                inverse, inverse
+            ):
+                # of features, whose noise alone has covariance I
+                used[c] = RANK if np.diag(inverse).max() <= 1.0 + 1e-6 else 0
     if parted:
         tell_from_afar(j, process, cameras, rows, near, at_early, told)
         tell_from_near(j, features, near, at_beyond, stop, before, used, told)
         tell_beyond(j, process, cameras, rows, whole, near, at_beyond, told)
     fill_ahead(
-        j, process, cameras, whole, kind, weight, pairs, near, features, meeting, known, root,
+        j, cameras, whole, kind, weight, pairs, near, features, meeting, known, root,
         parted, at_early, start, before, used, camera, told, losses,
     )  # fmt: skip

@@ -96,8 +96,8 @@ def _fill(alive, first, last, found):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def rounded_down(loss):  # type: ignore[no-untyped-def]
-    """Return a loss as a whole number of steps, no more than it is."""
-    if not loss > ROUNDING:
+def rounded_down(information, weight):  # type: ignore[no-untyped-def]
+    """Return `weight` times a mutual information as a whole number of steps, no more than it is."""
+    if not information > ROUNDING:
         return 0
-    return min(int((loss - ROUNDING) * STEPS), MOST)
+    return int(min((information - ROUNDING) * weight * STEPS, float(MOST)))

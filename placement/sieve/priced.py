@@ -1,9 +1,10 @@
 """Best paths to second order where each camera costs a price.
 
 The value V(e) of an arc e = j → k is that of the best path that ends with it: over the cameras i
-before j, V(i → j) + g(k | j) − loss(i, e) − price. Losses to near cameras are kept one by one, all
-others are found again in each pass, many at a time (`placement.sieve.shared`). A path that falls
-short of `need` even with the best that may follow to first order, `ahead`, goes no further.
+before j, V(i → j) + g(k | j) − loss(i, e) − price. Losses of cameras ahead to near ones are kept
+one by one, all others are found again in each pass, many at a time (`placement.sieve.shared`). A
+path that falls short of `need` even with the best that may follow to first order, `ahead`, goes no
+further. Weights are above 0.
 """
 
 from __future__ import annotations
@@ -79,37 +80,41 @@ def forward(  # type: ignore[no-untyped-def]
             if near.near[first + q]:
                 one[near.rank[first + q]] = value[q]
         order = np.argsort(-value)
+        # the greatest value on either side: near ones are for those ahead no part of the products
         start = alone[j] - price
-        top = start if value.size == 0 else max(start, value[order[0]])
-        if top == -np.inf:
-            values[begin:end] = -np.inf
-            continue
+        tops = np.full(2, start)
+        for q in range(value.size):
+            tops[1] = max(tops[1], value[q])
+            if not near.near[first + q]:
+                tops[0] = max(tops[0], value[q])
         # who may follow, ahead and beyond
         many = np.zeros(2, np.int64)
         for e in range(begin, end):
             side = 0 if near.ahead[e] else 1
             put_after(told, e, 1.0, columns[side, :, many[side]])
             many[side] += 1
+        best[:] = 0.0
         for side in range(2):
-            best[side, : many[side]] = math.exp((start - top) / weight)
-            if many[side] == 0:
+            if many[side] == 0 or tops[side] == -np.inf:
                 continue
+            best[side] = math.exp((start - tops[side]) / weight)
             for number in range(order.size):
                 q = order[number]
                 if value[q] == -np.inf:
                     break
-                share = math.exp((value[q] - top) / weight)
+                if side == 0 and near.near[first + q]:
+                    continue
+                share = math.exp((value[q] - tops[side]) / weight)
                 if number % LOOK == 0 and share * (1.0 + 2.0 * MARGIN) <= np.min(
                     best[side, : many[side]]
                 ):
                     break
-                if side == 1 or not near.near[first + q]:
-                    put_before(told, near, first + q, j, side == 0, share, m, row)
-                    raise_by(row, columns[side], many[side], best[side])
+                put_before(told, near, first + q, j, side == 0, share, m, row)
+                raise_by(row, columns[side], many[side], best[side])
         many[:] = 0
         for e in range(begin, end):
             side = 0 if near.ahead[e] else 1
-            most = worth_of(best[side, many[side]], top, weight)
+            most = worth_of(best[side, many[side]], tops[side], weight)
             many[side] += 1
             if side == 0:
                 at = near.row_at[e]
@@ -158,24 +163,28 @@ def backward(  # type: ignore[no-untyped-def]
             v = pairs[j, near.target[e]] - price + behind[e]
             value[e - begin] = v if values[e] + behind[e] >= need else -np.inf
         order = np.argsort(-value)
-        top = may_end[j] if value.size == 0 else max(may_end[j], value[order[0]])
-        if top > -np.inf:
-            best[:] = math.exp((may_end[j] - top) / weight)
-        for side in range(2 if top > -np.inf else 0):
-            if many[side] == 0:
+        tops = np.full(2, may_end[j])
+        for e in range(begin, end):
+            side = 0 if near.ahead[e] else 1
+            tops[side] = max(tops[side], value[e - begin])
+        best[:] = 0.0
+        for side in range(2):
+            if many[side] == 0 or tops[side] == -np.inf:
                 continue
+            best[side] = math.exp((may_end[j] - tops[side]) / weight)
             for number in range(order.size):
                 e = begin + order[number]
                 if value[e - begin] == -np.inf:
                     break
-                share = math.exp((value[e - begin] - top) / weight)
+                if (side == 0) != near.ahead[e]:
+                    continue
+                share = math.exp((value[e - begin] - tops[side]) / weight)
                 if number % LOOK == 0 and share * (1.0 + 2.0 * MARGIN) <= np.min(
                     best[side, : many[side]]
                 ):
                     break
-                if (side == 0) == near.ahead[e]:
-                    put_after(told, e, share, row)
-                    raise_by(row, columns[side], many[side], best[side])
+                put_after(told, e, share, row)
+                raise_by(row, columns[side], many[side], best[side])
         for e in range(begin, end):
             if near.ahead[e] and value[e - begin] > -np.inf:
                 at, v = near.row_at[e], value[e - begin]
@@ -187,14 +196,12 @@ def backward(  # type: ignore[no-untyped-def]
         for a in range(near.into[j], near.into[j + 1]):
             most = -np.inf
             if values[near.place[a]] + ahead[j] >= need:
-                if top > -np.inf:
-                    most = worth_of(best[1, many[1]], top, weight)
+                most = worth_of(best[1, many[1]], tops[1], weight)
                 many[1] += 1
                 if near.near[a]:
                     most = max(most, one[near.rank[a]])
                 else:
-                    if top > -np.inf:
-                        most = max(most, worth_of(best[0, many[0]], top, weight))
+                    most = max(most, worth_of(best[0, many[0]], tops[0], weight))
                     many[0] += 1
             behind[near.place[a]] = most
 

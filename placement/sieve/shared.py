@@ -8,7 +8,8 @@ With S = I − E and U = I − K, all in [0, I],
 an inner product of fourteen numbers of E and fourteen of K. So the best of values V_i − loss(i, k)
 over i, for all k, is V_max + w log of the greatest of inner products, weighted by
 exp((V_i − V_max) / w): some 10⁹ pairs a second, each exact but for rounding in float32, which is
-allowed for, and the greatest V_i first, until none can be better.
+allowed for, and the greatest V_i first, until none can be better. V_max must be that of a row that
+counts: what is allowed for rounding of it is more than what falls below float32.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ def put_right(k, weight, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, fastmath=True)
 def raise_by(row, columns, n, best):  # type: ignore[no-untyped-def]
-    """Raise `best` (n,) to the inner products of a row (15,) and the columns (14, n)."""
+    """Raise `best` (n,) to the inner products of a row (15,) and columns (≥ 14, n)."""
     w0, w1, w2, w3, w4 = row[0], row[1], row[2], row[3], row[4]
     w5, w6, w7, w8, w9 = row[5], row[6], row[7], row[8], row[9]
     w10, w11, w12, w13, more = row[10], row[11], row[12], row[13], row[14]

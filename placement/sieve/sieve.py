@@ -75,7 +75,7 @@ class Sieve:
         self._find_price()
         self.behind = np.full(m, -np.inf)
         priced.backward(
-            first.pairs, first.ends, near, self.told, self.losses, d.weight, self.price,
+            first.pairs, first.ends, near, self.told, self.losses, self.weight, self.price,
             states.priced_beyond(first.pairs, first.ends, self.price), order.need(self.price),
             self.values, self.behind,
         )  # fmt: skip
@@ -86,6 +86,11 @@ class Sieve:
     def first(self) -> Tempered:
         """Return the first order that this improves on."""
         return self.order.first
+
+    @property
+    def weight(self) -> float:
+        """Return how often the drive's gains count; where they count for nothing, next to that."""
+        return max(self.first.drives[0].weight, 1e-9)
 
     @property
     def near(self) -> Neighbours:
@@ -122,7 +127,7 @@ class Sieve:
         first = self.first
         values = np.full(len(self.near.target), -np.inf)
         priced.forward(
-            first.pairs, first.alone, self.near, self.told, self.losses, first.drives[0].weight,
+            first.pairs, first.alone, self.near, self.told, self.losses, self.weight,
             price, states.priced_beyond(first.pairs, first.ends, price), self.order.need(price),
             values,
         )  # fmt: skip
@@ -165,12 +170,15 @@ class Sieve:
     def losses_of(self, j: int, e: int) -> FloatArray:
         """Return the losses along arc e out of j to each of the cameras before j, in nats."""
         found = np.empty(self.near.into[j + 1] - self.near.into[j])
-        weight = self.first.drives[0].weight
+        weight = self.weight
         priced.losses_along(j, e, self.near, self.told, self.losses, weight, found)
         return found
 
     def survivors(self, beat: float) -> Line:
-        """Return the line without the candidates and arcs that no placement above `beat` uses."""
+        """Return the line without the candidates and arcs that no placement above `beat` uses.
+
+        `beat` is no less than the score to beat.
+        """
         first, near = self.first, self.near
         least = first.threshold(beat) - first.budget * self.price
         good = self.values + self.behind >= least

@@ -27,13 +27,15 @@ from placement.sieve.given import invert
 from placement.tempered.crossings import after
 from placement.tempered.process import predict_ahead, prior_at
 
+LEAST_LEFT = 1e-10  # of a variance, or its difference is rounding
 HAIR = 1e-9  # of what is known of a state, in case of rounding
 
 
 class Told(NamedTuple):
     """What is told of the states around each of n cameras, along m arcs; nothing to begin with."""
 
-    before: NDArray[np.float32]  # (m, 6) E by target: at `early` of far cameras, else at `beyond`
+    # (m, 6) E by target: of far cameras at `early`, from where passes move it, else at `beyond`
+    before: NDArray[np.float32]
     after: NDArray[np.float32]  # (m, 6) K by source: at `early` of cameras ahead, else at `beyond`
     link: FloatArray  # (n, 3, 3) Â: E at `early` is Â E Âᵀ at `beyond`
 
@@ -48,16 +50,18 @@ def nothing_told(n: int, m: int) -> Told:
 
 
 @njit(cache=True)
-def lower_factor(m):  # type: ignore[no-untyped-def]
-    """Replace `m` (3, 3) by its Cholesky factor; return whether it is positive enough for one."""
-    most = m[0, 0], m[1, 1], m[2, 2]
+def lower_factor(m, most):  # type: ignore[no-untyped-def]
+    """Replace `m` (3, 3) by its Cholesky factor; return whether it is positive enough for one.
+
+    `most` (3,) are the variances that it is a difference of.
+    """
     for a in range(3):
         for b in range(a + 1):
             s = m[a, b]
             for q in range(b):
                 s -= m[a, q] * m[b, q]
             if a == b:
-                if not s > 1e-12 * most[a]:
+                if not s > LEAST_LEFT * most[a]:
                     return False
                 m[a, a] = s**0.5
             else:
@@ -76,6 +80,8 @@ def roots_of(process, early, beyond, start, stop, at_early, at_beyond, link):  #
     prior_matrix(process, early, at_early)
     prior_matrix(process, beyond, at_beyond)
     move = at_early.copy()
+    first = at_early[0, 0], at_early[1, 1], at_early[2, 2]
+    last = at_beyond[0, 0], at_beyond[1, 1], at_beyond[2, 2]
     for t in range(early + 1, beyond + 1):
         carry_columns(process.f[t], move)  # Cov(x_beyond, x_early)
     for x in range(3):
@@ -84,7 +90,7 @@ def roots_of(process, early, beyond, start, stop, at_early, at_beyond, link):  #
                 at_early[x, y] -= start[x, z] * start[y, z]
                 at_beyond[x, y] -= stop[x, z] * stop[y, z]
                 move[x, y] -= stop[x, z] * start[y, z]
-    if not (lower_factor(at_early) and lower_factor(at_beyond)):
+    if not (lower_factor(at_early, first) and lower_factor(at_beyond, last)):
         return False
     for x in range(3):
         solve_row(at_early, 3, move[x])
@@ -114,7 +120,7 @@ def tell_from_afar(j, process, cameras, rows, near, root, told):  # type: ignore
     whitened = np.empty((early - from_sample + 1, 3, 3))
     low, g = np.empty((3, 3)), np.empty((3, 3))
     prior_matrix(process, early, low)
-    if not lower_factor(low):
+    if not lower_factor(low, (low[0, 0], low[1, 1], low[2, 2])):
         return
     now = whitened[early - from_sample]
     now[:] = np.eye(3)

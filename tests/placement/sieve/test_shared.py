@@ -59,9 +59,11 @@ def test_small_matrices_are_those_of_numpy() -> None:
         congruent(a, packed(d), out)
         assert out == pytest.approx(a @ d @ a.T)
         low = d.copy()
-        assert lower_factor(low)
+        assert lower_factor(low, tuple(np.diag(low)))
         assert low == pytest.approx(np.linalg.cholesky(d))
-    assert not lower_factor(np.outer([1.0, 2.0, 3.0], [1.0, 2.0, 3.0]))
+    flat = np.outer([1.0, 2.0, 3.0], [1.0, 2.0, 3.0])
+    assert not lower_factor(flat, (1.0, 4.0, 9.0))
+    assert not lower_factor(np.eye(3), (1.0, 1e12, 1.0))  # all that a difference left
 
 
 @pytest.mark.parametrize("rank", [0, 1, 2, 3])
