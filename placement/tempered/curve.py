@@ -16,7 +16,7 @@ from placement.bounds.concave import best_fraction
 from placement.bounds.matroid import root_choice
 from placement.objectives.entropy import Entropy
 from placement.problem import Problem, Run
-from placement.tempered.background import background_of, stand_in
+from placement.tempered.background import background_of, chains_of, stand_in
 from placement.tempered.bound import Tempered, make_line
 from placement.tempered.dominance import undominated
 from placement.tempered.paths import OutOfTimeError
@@ -41,7 +41,7 @@ def chain_bounds(problem: Problem, objective: Entropy, run: Run) -> FloatArray:
     middle = replace(constraints, budget=max(int(MIDDLE * k), constraints.required.size, 1))
     white = stand_in(objective)
     y = best_fraction(white, root_choice(middle), run, tolerance=1e-3).x
-    background = background_of(white, y)
+    background = chains_of(objective, y) or list(background_of(white, y))
     line = make_line(objective, constraints, candidates)
     try:
         for share in SHARES:
