@@ -19,6 +19,8 @@ taken in as `placement.tempered.process` says.
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -26,8 +28,14 @@ from numba import njit
 
 from models.geometry import FloatArray, IntArray
 from placement.objectives.navigation_chain import Drive
-from placement.objectives.windows.filter import parallel, put6
-from placement.tempered.process import Process, larger_pieces, step_on
+from placement.objectives.windows.filter import put6
+from placement.tempered.process import (
+    LONGEST,
+    Process,
+    larger_pieces,
+    restricted_entries,
+    step_on,
+)
 
 LEAST_BLOCK = 32  # samples
 SINGULAR = 1e-12  # of a step's noise, in units of its own: less than that is none
@@ -66,22 +74,40 @@ def chain_of(drive: Drive, x: FloatArray) -> Chain | None:
     odometry = odometry_of(drive)
     if odometry is None or len(odometry.f) < 2:
         return None
-    # a start that is known for certain, for nearly so: any chain is valid
+    # a little more at the start, which may be known for certain: any chain is valid
     begin = _whole(drive.initial_covariance()[None])[0]
     begin = begin + LEAST_START * np.diag(np.diagonal(_whole(drive.steps()[1:2, 4:])[0]))
     begin = np.linalg.inv(begin)
-    narrow, _ = larger_pieces(drive)
-    cov, link = _neighbours(odometry._replace(start=begin), narrow, x)
+    narrow = _cut_short(larger_pieces(drive)[0])
     f, information = np.zeros_like(odometry.f), np.zeros_like(odometry.information)
-    f[1:] = np.linalg.solve(cov[:-1], link).transpose(0, 2, 1)
+    try:
+        cov, link = _neighbours(odometry._replace(start=begin), narrow, x)
+        f[1:] = np.linalg.solve(cov[:-1], link).transpose(0, 2, 1)
+    except np.linalg.LinAlgError:
+        return None
     left = cov[1:] - f[1:] @ link
     left = 0.5 * (left + left.transpose(0, 2, 1))
     if not np.all(np.isfinite(left)) or np.linalg.eigvalsh(left)[:, 0].min() <= 0.0:
         return None
     information[1:] = np.linalg.inv(left)
     information = 0.5 * (information + information.transpose(0, 2, 1))
-    values, vectors = np.linalg.eigh(np.linalg.inv(cov[0]) - begin)
-    return Chain((vectors * np.maximum(values, 0.0)) @ vectors.T, f, information)
+    # in units of its own, whose magnitudes may be 1e15 apart
+    unit = np.sqrt(np.diagonal(begin))
+    unit = unit[:, None] * unit
+    values, vectors = np.linalg.eigh(np.linalg.inv(cov[0] * unit) - begin / unit)
+    start = unit * ((vectors * np.maximum(values, 0.0)) @ vectors.T)
+    return Chain(0.5 * (start + start.T), f, information)
+
+
+def _cut_short(drive: Drive) -> Drive:
+    """Cut windows to `LONGEST` samples: blocks are as long as the longest; any chain is valid."""
+    info = drive.information
+    lengths = np.diff(info.indptr)
+    begin = np.repeat(info.indptr[:-1], lengths)
+    kept = info.indices.astype(np.int64) - info.indices[begin] < LONGEST
+    if kept.all():
+        return drive
+    return replace(drive, information=restricted_entries(info, kept))
 
 
 def _neighbours(odometry: Chain, narrow: Drive, x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -122,19 +148,18 @@ def _neighbours(odometry: Chain, narrow: Drive, x: FloatArray) -> tuple[FloatArr
             v = w[~inside] - 3 * b
             own[k + 1][np.ix_(v, v)] += share * told[np.ix_(~inside, ~inside)]
             next_to[k][np.ix_(w[inside], v)] += share * told[np.ix_(inside, ~inside)]
-    factors = []
     for k in range(blocks):
         if k > 0:
-            own[k] -= next_to[k - 1].T @ np.linalg.solve(own[k - 1], next_to[k - 1])
-        factors.append(np.linalg.inv(0.5 * (own[k] + own[k].T)))
+            own[k] -= next_to[k - 1].T @ own[k - 1] @ next_to[k - 1]
+        own[k] = np.linalg.inv(0.5 * (own[k] + own[k].T))
     cov, link = np.empty((blocks * b, 3, 3)), np.empty((blocks * b - 1, 3, 3))
-    later = factors[-1]
+    later = own[-1]
     for k in range(blocks - 1, -1, -1):
         if k < blocks - 1:
-            gain = factors[k] @ next_to[k]
+            gain = own[k] @ next_to[k]
             across = -gain @ later
             link[(k + 1) * b - 1] = across[-3:, :3]
-            later = factors[k] - across @ gain.T
+            later = own[k] - across @ gain.T
             later = 0.5 * (later + later.T)
         cells = later.reshape(b, 3, b, 3)
         every = np.arange(b)
@@ -193,11 +218,15 @@ def constant_of(drive: Drive, chain: Chain, theta: float) -> tuple[float, float]
     whole = _log_dets(chain.information[1:]) + _log_dets(np.eye(3) + p0 @ chain.start)
     bare = _log_dets(odometry.information[1:])
     magnitude = abs(mix) + abs(whole) + abs(bare)
+    if not math.isfinite(magnitude):
+        return math.inf, 0.0  # a bound that bounds nothing
     return mix - (1.0 - theta) * whole - theta * bare, magnitude
 
 
 def _log_dets(matrices: FloatArray) -> float:
-    return float(np.sum(np.linalg.slogdet(matrices)[1]))
+    """Return the sum of log dets; NaN where rounding has left one that is not positive."""
+    signs, logs = np.linalg.slogdet(matrices)
+    return float(np.sum(logs)) if np.all(signs > 0.0) else math.nan
 
 
 def _whole(packed: FloatArray) -> FloatArray:
@@ -222,15 +251,15 @@ def _mix(steps, p0, start, f_of, information, theta, f, q, prior, known):  # typ
         plain[1, 0], plain[1, 1], plain[1, 2] = -s[1], s[0], s[3]
         plain[2, 2] = 1.0
         other[:] = f_of[t] - plain
-        left = parallel(noise, told)
+        left = _parallel(noise, told)
         move = plain + _square(left) @ _square(told) @ other
-        more = other.T @ _square(parallel(told, noise)) @ other
-        put6(q, t, parallel(left, g))
+        more = other.T @ _square(_parallel(told, noise)) @ other
+        put6(q, t, _parallel(left, g))
         inverse[:] = np.linalg.solve(np.eye(3) + _square(left) @ _square(g), move)
         for i in range(3):
             for j in range(3):
                 f[t, 3 * i + j] = inverse[i, j]
-        more += move.T @ _square(parallel(g, left)) @ move
+        more += move.T @ _square(_parallel(g, left)) @ move
         g = (
             more[0, 0], 0.5 * (more[0, 1] + more[1, 0]), 0.5 * (more[0, 2] + more[2, 0]),
             more[1, 1], 0.5 * (more[1, 2] + more[2, 1]), more[2, 2],
@@ -240,7 +269,7 @@ def _mix(steps, p0, start, f_of, information, theta, f, q, prior, known):  # typ
         g[3] + rest * start[1, 1], g[4] + rest * start[1, 2], g[5] + rest * start[2, 2],
     )  # fmt: skip
     known[0], known[1], known[2], known[3], known[4], known[5] = g
-    p = parallel((p0[0], p0[1], p0[2], p0[3], p0[4], p0[5]), g)
+    p = _parallel((p0[0], p0[1], p0[2], p0[3], p0[4], p0[5]), g)
     put6(prior, 0, p)
     for t in range(1, n):
         p = step_on(p, f, q, t)
@@ -251,3 +280,45 @@ def _mix(steps, p0, start, f_of, information, theta, f, q, prior, known):  # typ
 def _square(packed):  # type: ignore[no-untyped-def]
     a, b, c, d, e, f = packed
     return np.array([[a, b, c], [b, d, e], [c, e, f]])
+
+
+@njit(cache=True)
+def _parallel(a, b):  # type: ignore[no-untyped-def]
+    """Return (A⁻¹ + B)⁻¹ = L (I + LᵀBL)⁻¹ Lᵀ (6,), A = L Lᵀ maybe singular.
+
+    Unlike `windows.filter.parallel` this loses little where A B is 1e8 one way and 1 another.
+    """
+    l00 = math.sqrt(max(a[0], 0.0))
+    i0 = 1.0 / l00 if l00 > 0.0 else 0.0
+    l10, l20 = a[1] * i0, a[2] * i0
+    l11 = math.sqrt(max(a[3] - l10 * l10, 0.0))
+    i1 = 1.0 / l11 if l11 > 0.0 else 0.0
+    l21 = (a[4] - l20 * l10) * i1
+    l22 = math.sqrt(max(a[5] - l20 * l20 - l21 * l21, 0.0))
+    b0, b1, b2, b3, b4, b5 = b
+    u0, u1, u2 = b0 * l00 + b1 * l10 + b2 * l20, b1 * l00 + b3 * l10 + b4 * l20, 0.0
+    u2 = b2 * l00 + b4 * l10 + b5 * l20
+    v1, v2, w2 = b3 * l11 + b4 * l21, b4 * l11 + b5 * l21, b5 * l22
+    m00 = 1.0 + l00 * u0 + l10 * u1 + l20 * u2
+    m10, m20 = l11 * u1 + l21 * u2, l22 * u2
+    m11, m21, m22 = 1.0 + l11 * v1 + l21 * v2, l22 * v2, 1.0 + l22 * w2
+    # M = C Cᵀ; every pivot of I + (something positive semidefinite) is at least 1
+    c00 = math.sqrt(m00)
+    c10, c20 = m10 / c00, m20 / c00
+    c11 = math.sqrt(max(m11 - c10 * c10, 1.0))
+    c21 = (m21 - c20 * c10) / c11
+    c22 = math.sqrt(max(m22 - c20 * c20 - c21 * c21, 1.0))
+    # X = C⁻¹ Lᵀ, and Xᵀ X
+    x00, x01, x02 = l00 / c00, l10 / c00, l20 / c00
+    x10, x11, x12 = -c10 * x00 / c11, (l11 - c10 * x01) / c11, (l21 - c10 * x02) / c11
+    x20 = (-c20 * x00 - c21 * x10) / c22
+    x21 = (-c20 * x01 - c21 * x11) / c22
+    x22 = (l22 - c20 * x02 - c21 * x12) / c22
+    return (
+        x00 * x00 + x10 * x10 + x20 * x20,
+        x00 * x01 + x10 * x11 + x20 * x21,
+        x00 * x02 + x10 * x12 + x20 * x22,
+        x01 * x01 + x11 * x11 + x21 * x21,
+        x01 * x02 + x11 * x12 + x21 * x22,
+        x02 * x02 + x12 * x12 + x22 * x22,
+    )
