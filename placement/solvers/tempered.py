@@ -111,7 +111,7 @@ class Proof(Incumbent):
         share, seconds = self._best_share(line, SHARES if self.white else PERSISTENT_SHARES)
         if self._sieves and seconds * line.candidate.size**2 > LONG_S:
             # what suits the second order is nearer to 1
-            line = self._sieve(line, (3.0 + share) / 4)
+            line = self._sieve(line, share + (1.0 - share) * (0.5 if self.white else 0.75))
         if not self._sieved:
             line = self._first_order(line, share, seconds)
             if self.closed() or self.problem.constraints.budget < 2:
