@@ -15,6 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from models.geometry import BoolArray, IntArray
+from placement.tempered.paths import both_ways
 from placement.tempered.process import Cameras
 
 STEPS = 1024.0  # losses kept one by one are whole numbers of 1 / STEPS
@@ -45,16 +46,9 @@ class Neighbours(NamedTuple):
 
 def neighbours_of(alive: BoolArray, cameras: Cameras) -> Neighbours:
     """Lay out the neighbours of all cameras, along the arcs that `alive` (n, n) marks."""
-    n = cameras.first.size
-    into = np.concatenate([[0], np.cumsum(alive.sum(axis=0))]).astype(np.int64)
-    out_of = np.concatenate([[0], np.cumsum(alive.sum(axis=1))]).astype(np.int64)
-    m = int(into[-1])
+    n, m = cameras.first.size, int(alive.sum())
     found = Neighbours(
-        into,
-        np.empty(m, dtype=np.int32),
-        out_of,
-        np.empty(m, dtype=np.int32),
-        np.empty(m, dtype=np.int32),
+        *both_ways(alive, np.int32),
         early=cameras.first.astype(np.int64),  # of the blind the last sample
         beyond=np.empty(n, dtype=np.int64),
         near=np.empty(m, dtype=np.bool_),
@@ -63,23 +57,15 @@ def neighbours_of(alive: BoolArray, cameras: Cameras) -> Neighbours:
         ahead=np.empty(m, dtype=np.bool_),
         row_at=np.zeros(m + 1, dtype=np.int64),
     )
-    _fill(alive, cameras.first, cameras.last, found)
+    _fill(cameras.first, cameras.last, found)
     return found
 
 
 @njit(cache=True)
-def _fill(alive, first, last, found):  # type: ignore[no-untyped-def]
-    taken = found.into[:-1].copy()
-    e = 0
+def _fill(first, last, found):  # type: ignore[no-untyped-def]
     for j in range(first.size):
-        for k in range(first.size):
-            if alive[j, k]:
-                at = taken[k]
-                taken[k] += 1
-                found.source[at], found.place[at], found.target[e] = j, e, k
-                found.early[j] = min(found.early[j], first[k])
-                e += 1
-    for j in range(first.size):
+        for e in range(found.out_of[j], found.out_of[j + 1]):
+            found.early[j] = min(found.early[j], first[found.target[e]])
         far = max(np.int64(last[j]), found.early[j])
         for a in range(found.into[j], found.into[j + 1]):
             ends = last[found.source[a]]

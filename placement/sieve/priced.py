@@ -14,7 +14,6 @@ import math
 import numpy as np
 from numba import njit
 
-from placement.objectives.windows.filter import row6
 from placement.sieve.neighbours import IMPOSSIBLE, STEPS
 from placement.sieve.shared import MARGIN, TERMS, put_left, put_right, raise_by, worth_of
 from placement.sieve.told import congruent
@@ -23,17 +22,20 @@ LOOK = 16  # cameras between two looks at whether any more can be better
 
 
 @njit(cache=True)
+def wide_row6(a, t):  # type: ignore[no-untyped-def]
+    """Return row `t` of a float32 array (t, 6) as six scalars of float64."""
+    return (
+        np.float64(a[t, 0]), np.float64(a[t, 1]), np.float64(a[t, 2]),
+        np.float64(a[t, 3]), np.float64(a[t, 4]), np.float64(a[t, 5]),
+    )  # fmt: skip
+
+
+@njit(cache=True)
 def put_before(told, near, a, j, at_early, weight, m, out):  # type: ignore[no-untyped-def]
     """Fill `out` (15,) with the numbers of E of arc a into j, at `early` or at `beyond`."""
-    e = row6(told.before, a)
+    e = wide_row6(told.before, a)
     if near.near[a] or at_early:
-        put_left(
-            (
-                np.float64(e[0]), np.float64(e[1]), np.float64(e[2]),
-                np.float64(e[3]), np.float64(e[4]), np.float64(e[5]),
-            ),
-            weight, out,
-        )  # fmt: skip
+        put_left(e, weight, out)
         return
     congruent(told.link[j], e, m)
     put_left((m[0, 0], m[0, 1], m[0, 2], m[1, 1], m[1, 2], m[2, 2]), weight, out)
@@ -42,14 +44,19 @@ def put_before(told, near, a, j, at_early, weight, m, out):  # type: ignore[no-u
 @njit(cache=True)
 def put_after(told, e, weight, out):  # type: ignore[no-untyped-def]
     """Fill `out` (15,) with the numbers of K of arc e."""
-    k = row6(told.after, e)
-    put_right(
-        (
-            np.float64(k[0]), np.float64(k[1]), np.float64(k[2]),
-            np.float64(k[3]), np.float64(k[4]), np.float64(k[5]),
-        ),
-        weight, out,
-    )  # fmt: skip
+    put_right(wide_row6(told.after, e), weight, out)
+
+
+@njit(cache=True)
+def work_space(near):  # type: ignore[no-untyped-def]
+    """Return columns and their best, on either side, for the most arcs of a camera; a row; E."""
+    width = max(np.max(np.diff(near.out_of)), np.max(np.diff(near.into)))
+    return (
+        np.zeros((2, TERMS, width), np.float32),
+        np.zeros((2, width), np.float32),
+        np.empty(TERMS, np.float32),
+        np.empty((3, 3)),
+    )
 
 
 @njit(cache=True)
@@ -61,12 +68,7 @@ def forward(  # type: ignore[no-untyped-def]
     `ahead` (n,) is the most that may follow each camera.
     """
     n = alone.size
-    width = 0
-    for j in range(n):
-        width = max(width, near.out_of[j + 1] - near.out_of[j], near.into[j + 1] - near.into[j])
-    columns = np.zeros((2, TERMS, width), np.float32)
-    best = np.zeros((2, width), np.float32)
-    row, m = np.empty(TERMS, np.float32), np.empty((3, 3))
+    columns, best, row, m = work_space(near)
     for j in range(n):
         begin, end = near.out_of[j], near.out_of[j + 1]
         if begin == end:
@@ -134,12 +136,7 @@ def backward(  # type: ignore[no-untyped-def]
     Of arcs that no path worth having goes through by `values`, with −∞.
     """
     n = may_end.size
-    width = 0
-    for j in range(n):
-        width = max(width, near.out_of[j + 1] - near.out_of[j], near.into[j + 1] - near.into[j])
-    columns = np.zeros((2, TERMS, width), np.float32)
-    best = np.zeros((2, width), np.float32)
-    row, m = np.empty(TERMS, np.float32), np.empty((3, 3))
+    columns, best, row, m = work_space(near)
     for j in range(n - 1, -1, -1):
         begin, end = near.out_of[j], near.out_of[j + 1]
         # who comes: far ones at `early`, all at `beyond`

@@ -72,6 +72,17 @@ def lower_factor(m, most):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def solve_columns(root, m):  # type: ignore[no-untyped-def]
+    """Replace `m` (3, c) by R⁻¹ m, R a Cholesky factor."""
+    for c in range(m.shape[1]):
+        for x in range(3):
+            s = m[x, c]
+            for q in range(x):
+                s -= root[x, q] * m[q, c]
+            m[x, c] = s / root[x, x]
+
+
+@njit(cache=True)
 def roots_of(process, early, beyond, start, stop, at_early, at_beyond, link):  # type: ignore[no-untyped-def]
     """Fill R at `early` and at `beyond`, and Â between them; return whether there are any.
 
@@ -94,12 +105,8 @@ def roots_of(process, early, beyond, start, stop, at_early, at_beyond, link):  #
         return False
     for x in range(3):
         solve_row(at_early, 3, move[x])
-    for y in range(3):
-        for x in range(3):
-            s = move[x, y]
-            for q in range(x):
-                s -= at_beyond[x, q] * link[q, y]
-            link[x, y] = s / at_beyond[x, x]
+    link[:] = move
+    solve_columns(at_beyond, link)
     return True
 
 
@@ -125,13 +132,8 @@ def tell_from_afar(j, process, cameras, rows, near, root, told):  # type: ignore
     now = whitened[early - from_sample]
     now[:] = np.eye(3)
     g[:] = root
-    for y in range(3):
-        for x in range(3):
-            s, v = now[x, y], g[x, y]
-            for q in range(x):
-                s -= low[x, q] * now[q, y]
-                v -= low[x, q] * g[q, y]
-            now[x, y], g[x, y] = s / low[x, x], v / low[x, x]
+    solve_columns(low, now)
+    solve_columns(low, g)
     for t in range(early, from_sample, -1):
         f, now, back = process.f[t], whitened[t - from_sample], whitened[t - 1 - from_sample]
         for x in range(3):
@@ -217,12 +219,13 @@ def tell_from_near(j, features, near, root, stop, before, used, told):  # type: 
 @njit(cache=True)
 def put_told(root, d, out, at):  # type: ignore[no-untyped-def]
     """Write R⁻¹ D Dᵀ R⁻ᵀ to a row of `out` (m, 6); replaces `d` (3, r)."""
-    for r in range(d.shape[1]):
-        for x in range(3):
-            s = d[x, r]
-            for q in range(x):
-                s -= root[x, q] * d[q, r]
-            d[x, r] = s / root[x, x]
+    solve_columns(root, d)
+    put_square(d, out, at)
+
+
+@njit(cache=True)
+def put_square(d, out, at):  # type: ignore[no-untyped-def]
+    """Write D Dᵀ to a row of `out` (m, 6), D (3, r)."""
     a = b = c = e = f = g = 0.0
     for r in range(d.shape[1]):
         x, y, z = d[0, r], d[1, r], d[2, r]
@@ -287,17 +290,7 @@ def tell_beyond(j, process, cameras, rows, whole, near, root, told):  # type: ig
         for x in range(3):
             d[x] = y[:, x]
             solve_row(m, 3, d[x])
-        put6(
-            told.after, e,
-            (
-                d[0, 0] * d[0, 0] + d[0, 1] * d[0, 1] + d[0, 2] * d[0, 2],
-                d[0, 0] * d[1, 0] + d[0, 1] * d[1, 1] + d[0, 2] * d[1, 2],
-                d[0, 0] * d[2, 0] + d[0, 1] * d[2, 1] + d[0, 2] * d[2, 2],
-                d[1, 0] * d[1, 0] + d[1, 1] * d[1, 1] + d[1, 2] * d[1, 2],
-                d[1, 0] * d[2, 0] + d[1, 1] * d[2, 1] + d[1, 2] * d[2, 2],
-                d[2, 0] * d[2, 0] + d[2, 1] * d[2, 1] + d[2, 2] * d[2, 2],
-            ),
-        )  # fmt: skip
+        put_square(d, told.after, e)
 
 
 @njit(cache=True)

@@ -28,7 +28,6 @@ that is a fact about placements, so what different θ and y rule out adds up.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -193,18 +192,6 @@ class Tempered:
     def B(self) -> FloatArray:  # noqa: N802
         """Return the most that at most r further cameras add to each, (k, n)."""
         return self.tables[1]
-
-    def covers(self, line: Line) -> bool:
-        """Say whether `line` has the same candidates, and no other arcs."""
-        return np.array_equal(self.line.candidate, line.candidate) and not np.any(
-            line.alive & ~self.line.alive
-        )
-
-    def over(self, line: Line) -> Tempered:
-        """Return the same gains over the arcs of a line that this covers; its tables stay."""
-        found = copy(self)
-        found.line = line
-        return found
 
     def bounds(self) -> FloatArray:
         """Return the bound for every budget 0 … k, (k + 1,); −∞ where there is no placement."""

@@ -7,7 +7,7 @@ ones can add after i. To second order the same over arcs instead of cameras.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit, prange
@@ -32,18 +32,32 @@ class Arcs(NamedTuple):
 
 def lay_out(alive: BoolArray) -> Arcs:
     """Lay out the arcs that `alive` (n, n) marks."""
-    into = np.concatenate([[0], np.cumsum(alive.sum(axis=0))]).astype(np.int64)
-    out_of = np.concatenate([[0], np.cumsum(alive.sum(axis=1))]).astype(np.int64)
-    m = int(into[-1])
-    source, target, out = (np.empty(m, dtype=np.int64) for _ in range(3))
-    _fill_arcs(alive, into, source, target, out)
+    into, source, out_of, _, place = both_ways(alive, np.int64)
+    target = np.repeat(np.arange(len(alive)), np.diff(into))
+    out = np.empty_like(place)
+    out[place] = np.arange(len(place))
     follow = np.diff(out_of)[target]
     triple = np.concatenate([[0], np.cumsum(follow)]).astype(np.int64)
     return Arcs(source, target, into, out, out_of, triple)
 
 
+def both_ways(
+    alive: BoolArray, kind: type[np.signedinteger[Any]]
+) -> tuple[IntArray, NDArray[Any], IntArray, NDArray[Any], NDArray[Any]]:
+    """Return the arcs that `alive` (n, n) marks, sorted by target and by source.
+
+    `into` (n + 1,) and the sources by target, `out_of` (n + 1,) and the targets by source, and
+    where each arc by target is among those by source; arcs (m,) of the `kind` of integer.
+    """
+    into = np.concatenate([[0], np.cumsum(alive.sum(axis=0))]).astype(np.int64)
+    out_of = np.concatenate([[0], np.cumsum(alive.sum(axis=1))]).astype(np.int64)
+    source, target, place = (np.empty(int(into[-1]), dtype=kind) for _ in range(3))
+    _fill_arcs(alive, into, source, target, place)
+    return into, source, out_of, target, place
+
+
 @njit(cache=True)
-def _fill_arcs(alive, into, source, target, out):  # type: ignore[no-untyped-def]
+def _fill_arcs(alive, into, source, target, place):  # type: ignore[no-untyped-def]
     taken = into[:-1].copy()
     e = 0
     for a in range(alive.shape[0]):
@@ -51,7 +65,7 @@ def _fill_arcs(alive, into, source, target, out):  # type: ignore[no-untyped-def
             if alive[a, b]:
                 at = taken[b]
                 taken[b] += 1
-                source[at], target[at], out[e] = a, b, at
+                source[at], place[at], target[e] = a, e, b
                 e += 1
 
 
