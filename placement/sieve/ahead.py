@@ -23,8 +23,8 @@ BLOCK, SIDE = 4, 32  # cameras before, and ahead, whose covariances are found to
 
 @njit(cache=True)
 def fill_ahead(  # type: ignore[no-untyped-def]
-    j, cameras, whole, kind, weight, pairs, near, features, meeting, known, root, parted,
-    at_early, start, before, used, camera, told, losses,
+    j, cameras, whole, kind, weight, gain, near, features, meeting, known, root, parted,
+    at_early, start, before, used, camera, reached, told, losses,
 ):  # fmt: skip
     """Fill the rows of arcs to cameras that see what j or its near ones see."""
     b_before, inverse = before
@@ -71,7 +71,6 @@ def fill_ahead(  # type: ignore[no-untyped-def]
                 np.dot(rows[c * rank : stop * rank], b_ahead[block], some)
         from_row = c % BLOCK * rank
         i = camera[c]
-        reached = known.into[i] + np.float64(pairs[i, j]) - 2.0 * known.price
         q, q_end = meeting.at[i], meeting.at[i + 1]
         if used[c] > 0:  # Cov(y_i, y_k) is that with the state between them, pulled back
             link[:] = features.field[features.at[i] + cameras.last[i] - features.low[i]]
@@ -79,7 +78,7 @@ def fill_ahead(  # type: ignore[no-untyped-def]
             e = arc[u]
             k = near.target[e]
             at = near.row_at[e] + c
-            worthless = reached + np.float64(pairs[j, k]) + known.beyond[k] < known.need
+            worthless = reached[c] + np.float64(gain[e]) + known.beyond[k] < known.need
             if worthless or (kind[i] >= 0 and kind[i] == kind[k]):
                 losses[at] = IMPOSSIBLE
                 continue

@@ -3,44 +3,57 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numba import njit, prange
+from numpy.typing import NDArray
 
 from models.geometry import FloatArray
 from placement.sieve.neighbours import Neighbours, neighbours_of
+from placement.sieve.opening import gains_along, open_up
 from placement.sieve.prices import seek_price
-from placement.tempered import paths, states
+from placement.tempered import paths
 from placement.tempered.bound import Tempered
+from placement.tempered.line import ArcsOut
 
 PRICES = 16  # tried at most
 PRICED_TO = 1e-4  # of the bound
+MANY = 3000  # cameras: arcs of more are not all laid out to begin with
+THINNED = 1500  # of those, for a first price
+MOST_ARCS = 60_000_000  # laid out at one time: with their layout, 3 GB
 
 
 @dataclass(slots=True)
 class FirstOrder:
     """The first order of a tempered bound at its best price, and the arcs that this leaves.
 
-    Arcs that no placement above `beat` uses may be left out; on a single drive, budget ≥ 2.
+    Arcs that no placement above `beat` uses may be left out; on a single drive, budget ≥ 2. If more
+    than `most` are left there is a bound, and nothing else.
     """
 
     first: Tempered
     beat: float
+    most: int = MOST_ARCS
     price: float = field(init=False, default=0.0)
     least: float = field(init=False, default=math.inf)
     into: FloatArray = field(init=False)  # (n,) the best path that ends with each camera
     beyond: FloatArray = field(init=False)  # (n,) and what may follow it
+    gain: NDArray[np.float32] = field(init=False)  # (m,) of each arc, by source
     near: Neighbours = field(init=False)
+    too_many: bool = field(init=False, default=False)
 
     def __post_init__(self) -> None:
         """Find the price and lay out what is left."""
-        first = self.first
-        budget = first.budget
+        arcs = self._opened()
+        if arcs is None:
+            self.too_many = True
+            return
+        first, budget = self.first, self.first.budget
 
         def evaluate(price: float) -> tuple[float, int]:
             paths.stop_in_time(first.run)
-            into, cameras = into_each(first.pairs, first.alone, price)
+            into, cameras = into_each(arcs, self.gain, first.alone, price)
             total = into + first.ends
             best = int(np.argmax(total))
             none = 0.0 if not first.line.required.any() else -np.inf
@@ -49,39 +62,65 @@ class FirstOrder:
                 self.least, self.price, self.into = bound, price, into
             return bound, int(cameras[best]) if total[best] > none else 0
 
-        guess = float(np.max(first.alone, initial=0.0)) / budget
+        guess = self.price or float(np.max(first.alone, initial=0.0)) / budget
         seek_price(
             evaluate, budget, guess, lambda least: PRICED_TO * abs(least), lambda n: n < PRICES
         )
-        self.beyond = states.priced_beyond(first.pairs, first.ends, self.price)
-        alive = arcs_worth(
-            first.pairs, first.line.alive, self.into, self.beyond, self.price,
-            self.need(self.price),
-        )  # fmt: skip
+        self.beyond = beyond_each(arcs, self.gain, first.ends, self.price)
+        kept = arcs_worth(
+            arcs, self.gain, self.into, self.beyond, self.price, self.need(self.price)
+        )
         (d,) = first.drives
-        self.near = neighbours_of(alive, d.narrow)
+        self.gain = self.gain[kept]
+        self.near = neighbours_of(arcs.only(kept), d.narrow)
+
+    def _opened(self) -> ArcsOut | None:
+        """Return arcs that may be worth it, and set their gains; None if there are too many."""
+        first = self.first
+        line, n = first.line, first.line.candidate.size
+        if line.arcs is not None or n <= MANY:
+            arcs = line.laid_out
+            self.gain = gains_along(first, arcs)
+            return arcs
+        step = -(-n // THINNED)
+        kept = np.arange(n)
+        thin = line.subset(kept[(kept % step == 0) | line.required])
+        thin = replace(thin, arcs=thin.laid_out)
+        self.price = FirstOrder(replace(first, line=thin), -np.inf).price
+        found = open_up(first, self.price, self.need(self.price), self.most)
+        self.least, self.into = found.best + first.budget * self.price, found.into
+        if found.arcs is None:
+            return None
+        self.gain = found.gain
+        return found.arcs
 
     @property
     def arcs(self) -> int:
-        """Return how many arcs are left."""
-        return len(self.near.target)
+        """Return how many arcs are left; more than `most` where they are too many."""
+        return self.most + 1 if self.too_many else len(self.near.target)
 
     @property
     def losses(self) -> int:
         """Return how many losses there are to keep one by one."""
-        return int(self.near.row_at[-1])
+        return 0 if self.too_many else int(self.near.row_at[-1])
 
     def need(self, price: float) -> float:
         """Return what a path must come to at a price, to be above `beat`."""
         return self.first.threshold(self.beat) - self.first.budget * price
 
+    def beyond_at(self, price: float) -> FloatArray:
+        """Return the most that may follow each camera (n,) at another price, along arcs left."""
+        arcs = ArcsOut(self.near.out_of, self.near.target)
+        found: FloatArray = beyond_each(arcs, self.gain, self.first.ends, price)
+        return found
+
     def bound(self) -> float:
-        """Return an upper bound on the score of every placement of the line."""
+        """Return an upper bound on all placements of the line, but those not above `beat`."""
         return float(self.first.as_bound(np.array([self.least]))[0])
 
 
 @njit(cache=True)
-def into_each(pairs, alone, price):  # type: ignore[no-untyped-def]
+def into_each(arcs, gain, alone, price):  # type: ignore[no-untyped-def]
     """Return the best first-order path that ends with each camera (n,), and its cameras (n,)."""
     n = alone.size
     value, cameras = alone - price, np.ones(n, np.int64)
@@ -92,19 +131,28 @@ def into_each(pairs, alone, price):  # type: ignore[no-untyped-def]
         now = value[a] - price
         if now == -np.inf:
             continue
-        for b in range(a + 1, n):
-            if now + pairs[a, b] > value[b]:
-                value[b], before[b] = now + pairs[a, b], a
+        for e in range(arcs.out_of[a], arcs.out_of[a + 1]):
+            b = arcs.target[e]
+            if now + gain[e] > value[b]:
+                value[b], before[b] = now + gain[e], a
     return value, cameras
 
 
-@njit(cache=True, parallel=True)
-def arcs_worth(pairs, alive, into, beyond, price, need):  # type: ignore[no-untyped-def]
-    """Mark the arcs (n, n) of `alive` on paths that come to `need` at a price."""
-    n = into.size
-    found = np.zeros((n, n), np.bool_)
-    for a in prange(n):
-        for b in range(a + 1, n):
-            worth = into[a] + pairs[a, b] - price + beyond[b]
-            found[a, b] = alive[a, b] and worth >= need
+@njit(cache=True)
+def beyond_each(arcs, gain, may_end, price):  # type: ignore[no-untyped-def]
+    """Return the most that paths on from each camera add (n,), at a price."""
+    found = may_end.copy()
+    for a in range(found.size - 1, -1, -1):
+        for e in range(arcs.out_of[a], arcs.out_of[a + 1]):
+            found[a] = max(found[a], gain[e] - price + found[arcs.target[e]])
     return found
+
+
+@njit(cache=True, parallel=True)
+def arcs_worth(arcs, gain, into, beyond, price, need):  # type: ignore[no-untyped-def]
+    """Mark the arcs (m,) on paths that come to `need` at a price."""
+    found = np.zeros(gain.size, np.uint8)
+    for a in prange(into.size):
+        for e in range(arcs.out_of[a], arcs.out_of[a + 1]):
+            found[e] = into[a] + gain[e] - price + beyond[arcs.target[e]] >= need
+    return found.view(np.bool_)

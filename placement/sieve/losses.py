@@ -36,26 +36,27 @@ class Known(NamedTuple):
 
 @njit(cache=True, parallel=True)
 def fill_losses(  # type: ignore[no-untyped-def]
-    process, cameras, rows, whole, kind, weight, pairs, near, features, meeting, known, nodes,
+    process, cameras, rows, whole, kind, weight, gain, near, features, meeting, known, nodes,
     told, losses,
 ):  # fmt: skip
     """Fill what is told around each j in `nodes`, and the rows of `losses` of the arcs out of it.
 
-    `rows` and `whole` are as in `placement.tempered.gains`, `kind` (n,) the group that may have one
+    `gain` (m,) are the first-order gains by source, `rows` and `whole` as in
+    `placement.tempered.gains`, `kind` (n,) the group that may have one
     camera, −1 for none. Cameras that are not `whole` lose nothing.
     """
     for number in prange(nodes.size):
         j = nodes[number]
         if near.out_of[j] < near.out_of[j + 1]:
             _fill_around(
-                j, process, cameras, rows, whole, kind, weight, pairs, near, features, meeting,
+                j, process, cameras, rows, whole, kind, weight, gain, near, features, meeting,
                 known, told, losses,
             )  # fmt: skip
 
 
 @njit(cache=True)
 def _fill_around(  # type: ignore[no-untyped-def]
-    j, process, cameras, rows, whole, kind, weight, pairs, near, features, meeting, known, told,
+    j, process, cameras, rows, whole, kind, weight, gain, near, features, meeting, known, told,
     losses,
 ):  # fmt: skip
     if cameras.last[j] >= 0 and not features.usable[j]:
@@ -80,10 +81,12 @@ def _fill_around(  # type: ignore[no-untyped-def]
     n_near = near.many[j]
     before = np.zeros((n_near, RANK, size)), np.zeros((n_near, RANK, RANK))
     used, camera = np.zeros(n_near, np.int64), np.full(n_near, -1)
+    reached = np.empty(n_near)  # what paths bring through each of them to j
     for a in range(near.into[j], near.into[j + 1]):
         if near.near[a]:
             c, i = near.rank[a], near.source[a]
             camera[c] = i
+            reached[c] = known.into[i] + np.float64(gain[near.place[a]]) - 2.0 * known.price
             b, inverse = before[0][c], before[1][c]
             if camera_given(cameras, i, j, features, root, b, inverse) and inverse_factor(
                 inverse, inverse
@@ -95,6 +98,6 @@ def _fill_around(  # type: ignore[no-untyped-def]
         tell_from_near(j, features, near, at_beyond, stop, before, used, told)
         tell_beyond(j, process, cameras, rows, whole, near, at_beyond, told)
     fill_ahead(
-        j, cameras, whole, kind, weight, pairs, near, features, meeting, known, root,
-        parted, at_early, start, before, used, camera, told, losses,
+        j, cameras, whole, kind, weight, gain, near, features, meeting, known, root,
+        parted, at_early, start, before, used, camera, reached, told, losses,
     )  # fmt: skip

@@ -15,6 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from models.geometry import BoolArray, IntArray
+from placement.tempered.line import ArcsOut
 from placement.tempered.paths import both_ways
 from placement.tempered.process import Cameras
 
@@ -44,11 +45,11 @@ class Neighbours(NamedTuple):
     row_at: IntArray  # (m + 1,) by source, into the losses
 
 
-def neighbours_of(alive: BoolArray, cameras: Cameras) -> Neighbours:
-    """Lay out the neighbours of all cameras, along the arcs that `alive` (n, n) marks."""
-    n, m = cameras.first.size, int(alive.sum())
+def neighbours_of(arcs: ArcsOut, cameras: Cameras) -> Neighbours:
+    """Lay out the neighbours of all cameras, along the arcs that are possible."""
+    n, m = cameras.first.size, len(arcs.target)
     found = Neighbours(
-        *both_ways(alive, np.int32),
+        *both_ways(arcs, np.int32),
         early=cameras.first.astype(np.int64),  # of the blind the last sample
         beyond=np.empty(n, dtype=np.int64),
         near=np.empty(m, dtype=np.bool_),

@@ -10,7 +10,8 @@ from numba import get_num_threads
 from placement.problem import Run
 from placement.sieve.first import FirstOrder
 from placement.sieve.sieve import Sieve
-from placement.tempered.bound import Line, Tempered
+from placement.tempered.bound import Tempered
+from placement.tempered.line import Line
 
 PASSES = 8
 MOST_BYTES = 6e9
@@ -37,7 +38,9 @@ def sift(
     """
     best, best_share = np.inf, share
     for number in range(PASSES):
-        if line.candidate.size == 0 or enough(line) or not room_for(int(line.alive.sum()), 0, run):
+        if line.candidate.size == 0 or enough(line):
+            return line, best_share, number
+        if line.arcs is not None and not room_for(line.n_arcs, 0, run):
             return line, best_share, number
         order = FirstOrder(first_order(line, share), score())
         if report(order, share) or not room_for(order.arcs, order.losses, run):

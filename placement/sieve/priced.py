@@ -61,11 +61,12 @@ def work_space(near):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def forward(  # type: ignore[no-untyped-def]
-    pairs, alone, near, told, losses, weight, price, ahead, need, values
+    gain, alone, near, told, losses, weight, price, ahead, need, values
 ):
     """Fill `values` (m,), by source, with the best path that ends with each arc.
 
-    `ahead` (n,) is the most that may follow each camera.
+    `gain` (m,) are the first-order gains, also by source; `ahead` (n,) is the most that may follow
+    each camera.
     """
     n = alone.size
     columns, best, row, m = work_space(near)
@@ -124,12 +125,12 @@ def forward(  # type: ignore[no-untyped-def]
                     loss = losses[at + c]
                     if loss != IMPOSSIBLE:
                         most = max(most, one[c] - loss / STEPS)
-            values[e] = most + pairs[j, near.target[e]] - price
+            values[e] = most + gain[e] - price
 
 
 @njit(cache=True)
 def backward(  # type: ignore[no-untyped-def]
-    pairs, may_end, near, told, losses, weight, price, ahead, need, values, behind
+    gain, may_end, near, told, losses, weight, price, ahead, need, values, behind
 ):
     """Fill `behind` (m,), by source, with the most that a path adds behind each arc.
 
@@ -157,7 +158,7 @@ def backward(  # type: ignore[no-untyped-def]
         # who may follow, the best first
         value = np.empty(end - begin)
         for e in range(begin, end):
-            v = pairs[j, near.target[e]] - price + behind[e]
+            v = gain[e] - price + behind[e]
             value[e - begin] = v if values[e] + behind[e] >= need else -np.inf
         order = np.argsort(-value)
         tops = np.full(2, may_end[j])

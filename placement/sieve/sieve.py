@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from models.geometry import BoolArray, FloatArray, IntArray
+from models.geometry import FloatArray, IntArray
 from placement.sieve import priced
 from placement.sieve.features import RANK, features_of, pairs_that_meet
 from placement.sieve.first import FirstOrder
@@ -23,8 +23,9 @@ from placement.sieve.losses import Known, fill_losses
 from placement.sieve.neighbours import Neighbours
 from placement.sieve.prices import seek_price
 from placement.sieve.told import Told, nothing_told
-from placement.tempered import paths, states
-from placement.tempered.bound import Line, Tempered
+from placement.tempered import paths
+from placement.tempered.bound import Tempered
+from placement.tempered.line import Line
 
 NODES = 32  # cameras between two looks at the clock
 PRICES = 8  # tried at most
@@ -68,15 +69,15 @@ class Sieve:
                 break
             paths.stop_in_time(run)
             fill_losses(
-                d.process, d.narrow, d.rows, d.whole, line.group, d.weight, first.pairs, near,
+                d.process, d.narrow, d.rows, d.whole, line.group, d.weight, order.gain, near,
                 features, meeting, known, np.arange(begin, min(begin + NODES, n)), self.told,
                 self.losses,
             )  # fmt: skip
         self._find_price()
         self.behind = np.full(m, -np.inf)
         priced.backward(
-            first.pairs, first.ends, near, self.told, self.losses, self.weight, self.price,
-            states.priced_beyond(first.pairs, first.ends, self.price), order.need(self.price),
+            order.gain, first.ends, near, self.told, self.losses, self.weight, self.price,
+            order.beyond_at(self.price), order.need(self.price),
             self.values, self.behind,
         )  # fmt: skip
         self.beyond = first.ends.copy()
@@ -127,8 +128,8 @@ class Sieve:
         first = self.first
         values = np.full(len(self.near.target), -np.inf)
         priced.forward(
-            first.pairs, first.alone, self.near, self.told, self.losses, self.weight,
-            price, states.priced_beyond(first.pairs, first.ends, price), self.order.need(price),
+            self.order.gain, first.alone, self.near, self.told, self.losses, self.weight,
+            price, self.order.beyond_at(price), self.order.need(price),
             values,
         )  # fmt: skip
         return values
@@ -182,7 +183,6 @@ class Sieve:
         first, near = self.first, self.near
         least = first.threshold(beat) - first.budget * self.price
         good = self.values + self.behind >= least
-        alive: BoolArray = np.zeros_like(first.line.alive)
         source = np.repeat(np.arange(len(first.alone)), np.diff(near.out_of))
-        alive[source[good], near.target[good]] = True
-        return first.line.over_arcs(alive, first.alone - self.price + first.ends >= least)
+        single = first.alone - self.price + first.ends >= least
+        return first.line.over_arcs(source[good], near.target[good], single)

@@ -32,9 +32,10 @@ from placement.solvers.exchange import polish
 from placement.solvers.greedy import climb
 from placement.solvers.incumbent import Incumbent
 from placement.tempered.background import Background, background_of, chains_of, stand_in
-from placement.tempered.bound import Line, SecondOrder, Tempered, make_line
+from placement.tempered.bound import SecondOrder, Tempered
 from placement.tempered.diagram import Diagram
 from placement.tempered.dominance import undominated
+from placement.tempered.line import Line, make_line
 from placement.tempered.paths import OutOfTimeError
 from placement.tempered.search import search
 from placement.tempered.shares import better_share
@@ -58,7 +59,7 @@ LONGER_SHARE = 0.6  # the same once it bounds within PROMISING of the score
 PROMISING = 0.02
 SPLIT_WITHIN = 0.005  # of the score: a relaxation as near as this is branched on,
 SPLIT_SHARE = 0.8  # for this share of the time left: chains come nowhere near it
-MOST_PAIRS = 5e8  # bytes of first-order gains; a line longer than 11,000 is not bounded by chains
+MOST_PAIRS = 5e8  # bytes of a table of first-order gains; a line longer than 11,000 needs sieves
 MOST_TRIPLES = 250_000_000  # second-order gains held at one time: 1 GB
 
 
@@ -109,16 +110,21 @@ class Proof(Incumbent):
         if line is None:
             return not run.out_of_time()
         share, seconds = self._best_share(line, SHARES if self.white else PERSISTENT_SHARES)
-        if self._sieves and seconds * line.candidate.size**2 > LONG_S:
+        if self._sieves and (
+            seconds * line.candidate.size**2 > LONG_S or not room_for_pairs(line.candidate.size)
+        ):
             # what suits the second order is nearer to 1
             line = self._sieve(line, share + (1.0 - share) * (0.5 if self.white else 0.75))
-        if not self._sieved:
+        if not self._sieved and room_for_pairs(line.candidate.size):
             line = self._first_order(line, share, seconds)
             if self.closed() or self.problem.constraints.budget < 2:
                 return True
             line = self._sieve(line, float(self.stats["share"]))
         if self.closed():
             return True
+        if not room_for_pairs(line.candidate.size):
+            self.use_what_is_left()
+            return False
         line = self._diagrams(line)
         if self.closed():
             return True
@@ -162,7 +168,7 @@ class Proof(Incumbent):
             )
         left = np.flatnonzero(found.choice.allowed)
         self.stats["candidates_after_relaxation"] = int(left.size)
-        if 4.0 * left.size**2 > MOST_PAIRS:
+        if not self._sieves and not room_for_pairs(left.size):
             return None
         known = chains_of(self.objective, found.x)
         if known is None:
@@ -191,7 +197,7 @@ class Proof(Incumbent):
             n = line.candidate.size
             if n < 2 or 0.25 * seconds * n * n > self.inner.remaining():
                 break
-            before = int(line.alive.sum())
+            before = line.n_arcs
             started = time.monotonic()
             bound = self._chain(line, share)
             if self.closed():
@@ -199,7 +205,7 @@ class Proof(Incumbent):
             line = bound.survivors(self.score)
             if time.monotonic() - started < 1.0:
                 break
-            if line.alive.sum() > WORTH_IT * before:
+            if line.n_arcs > WORTH_IT * before:
                 share, line = self._nearer_share(line, share, bound.bound())
                 break
             near = [s for s in (share - 0.05, share, share + 0.05, (1.0 + share) / 2) if s <= 1.0]
@@ -257,7 +263,9 @@ class Proof(Incumbent):
             self._tempered,
             lambda: self.score,
             report,
-            lambda left: self._triples(left) <= MOST_TRIPLES,
+            lambda left: (
+                self._triples(left) <= MOST_TRIPLES and room_for_pairs(left.candidate.size)
+            ),
             self.inner,
         )
         self._sieved = self._sieved or sieves > 0
@@ -271,7 +279,7 @@ class Proof(Incumbent):
         known = self._beyond
         stuck = 0
         for number in range(LABEL_PASSES):
-            before = int(line.alive.sum())
+            before = line.n_arcs
             most = min(MOST_GAINS, 0.25 * self.inner.remaining() / GAIN_S)
             width = min(WIDE, int(most / max(before, 1)) - 1)
             if width < NARROW or stuck == len(shares):
@@ -289,7 +297,7 @@ class Proof(Incumbent):
             self._left(line)
             if self.closed() or line.candidate.size == 0:
                 break
-            stuck = stuck + 1 if line.alive.sum() > WORTH_IT * before else 0
+            stuck = stuck + 1 if line.n_arcs > WORTH_IT * before else 0
         return line
 
     def _second_order(self, line: Line) -> bool:
@@ -301,7 +309,7 @@ class Proof(Incumbent):
         for number in range(SECOND_ORDER_PASSES):
             if self._triples(line) > MOST_TRIPLES:
                 return False
-            before = int(line.alive.sum())
+            before = line.n_arcs
             share = shares[number % len(shares)]
             second = SecondOrder(self._tempered(line, share), self.score)
             bound = second.bound()
@@ -316,7 +324,7 @@ class Proof(Incumbent):
             if line.candidate.size == 0:
                 self.bounded("tempered chain, nothing left", self.score)
                 return True
-            if number + 1 >= len(shares) and line.alive.sum() > WORTH_IT * before:
+            if number + 1 >= len(shares) and line.n_arcs > WORTH_IT * before:
                 break
         if best is None or second is None:
             return False
@@ -324,7 +332,7 @@ class Proof(Incumbent):
         candidates: list[tuple[float, float, SecondOrder | Diagram]] = []
         for other in sorted({share, 1.0, high}):
             second = SecondOrder(self._tempered(line, other), self.score)
-            width = min(WIDE, MOST_GAINS // max(int(line.alive.sum()), 1))
+            width = min(WIDE, MOST_GAINS // max(line.n_arcs, 1))
             diagram = Diagram(second.first, width, self.score, second)
             self.bounded(f"tempered diagram, second order, share {other:g}", diagram.bound())
             candidates.append((second.bound(), other, second))
@@ -355,7 +363,7 @@ class Proof(Incumbent):
 
     def _tempered(self, line: Line, share: float) -> Tempered:
         self.run.progress(
-            f"{line.candidate.size} candidates, {int(line.alive.sum())} arcs, share {share:.3g}",
+            f"{line.candidate.size} candidates, {line.n_arcs} arcs, share {share:.3g}",
             None,
         )
         budget = self.problem.constraints.budget
@@ -370,8 +378,14 @@ class Proof(Incumbent):
 
     @staticmethod
     def _triples(line: Line) -> int:
-        return int(np.sum(line.alive.sum(axis=0) * line.alive.sum(axis=1)))
+        out, into = line.degrees
+        return int(np.sum(out * into))
 
     def _left(self, line: Line) -> None:
         self.stats["candidates_left"] = int(line.candidate.size)
-        self.stats["arcs_left"] = int(line.alive.sum())
+        self.stats["arcs_left"] = line.n_arcs
+
+
+def room_for_pairs(n: int) -> bool:
+    """Say whether there is room for a table of the gains of n cameras given another."""
+    return 4.0 * n * n <= MOST_PAIRS

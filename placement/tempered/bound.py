@@ -36,7 +36,6 @@ from numpy.typing import NDArray
 
 from models.geometry import BoolArray, FloatArray, IntArray
 from placement.bounds.restrict import restricted_information
-from placement.constraints import Constraints
 from placement.objectives.entropy import Entropy
 from placement.objectives.navigation_chain import Drive
 from placement.problem import Run
@@ -44,6 +43,7 @@ from placement.tempered import paths
 from placement.tempered.background import Background, constant_of, process_of
 from placement.tempered.crossings import ROW, alone, cross_each
 from placement.tempered.gains import add_pair_gains, add_triple_gains, fill_pair_gains
+from placement.tempered.line import Line, arcs_out
 from placement.tempered.process import Cameras, Process, cameras_of, larger_pieces
 
 ROWS = 128  # of gains between two looks at the clock
@@ -51,66 +51,6 @@ TRIPLES = 500_000  # the same
 ARC_WORK = 50  # gains that take as long as one arc
 TRIPLE_S = 6e-5  # seconds for three windows that meet, with offsets
 TRIPLE_SHARE = 0.15  # of the time left that those may take
-
-
-@dataclass(frozen=True, slots=True)
-class Line:
-    """Candidates in order along the road: original number, group, and whether required; (n,) each.
-
-    `alive` (n, n) marks the arcs that are still possible: a before b, not of one group, no required
-    candidate in between.
-    """
-
-    candidate: IntArray
-    group: IntArray
-    required: BoolArray
-    alive: BoolArray
-
-    def subset(self, keep: IntArray) -> Line:
-        """Return the line over the positions `keep`."""
-        return Line(
-            self.candidate[keep],
-            self.group[keep],
-            self.required[keep],
-            self.alive[np.ix_(keep, keep)],
-        )
-
-    def over_arcs(self, alive: BoolArray, single: BoolArray) -> Line:
-        """Return the line over the arcs `alive` (n, n), and cameras that may be alone, (n,)."""
-        keep = np.flatnonzero(alive.any(axis=0) | alive.any(axis=1) | self.required | single)
-        smaller = self.subset(keep)
-        return Line(smaller.candidate, smaller.group, smaller.required, alive[np.ix_(keep, keep)])
-
-    @property
-    def may_start(self) -> BoolArray:
-        """Mark the positions that no required candidate precedes."""
-        before: BoolArray = np.cumsum(self.required) - self.required == 0
-        return before
-
-    @property
-    def may_end(self) -> BoolArray:
-        """Mark the positions that no required candidate follows."""
-        after: BoolArray = np.cumsum(self.required[::-1])[::-1] - self.required == 0
-        return after
-
-
-def make_line(objective: Entropy, constraints: Constraints, candidates: IntArray) -> Line:
-    """Order `candidates` by the middle sample that they see on the first drive."""
-    info = objective.drives[0].information
-    first, stop = info.indptr[candidates], info.indptr[candidates + 1]
-    middle = np.zeros(candidates.size)
-    seeing = stop > first
-    middle[seeing] = info.indices[(first[seeing] + stop[seeing]) // 2]
-    ordered = candidates[np.lexsort((candidates, middle))]
-    group = constraints.group[ordered]
-    required = np.isin(ordered, constraints.required)
-    n = ordered.size
-    passed = np.cumsum(required)
-    alive = np.triu(np.ones((n, n), dtype=np.bool_), 1)
-    alive &= (group[:, None] != group[None, :]) | (group[:, None] < 0)
-    if required.any():
-        alive &= (passed - required)[None, :] == passed[:, None]
-    return Line(ordered, group, required, alive)
 
 
 class OnDrive(NamedTuple):
@@ -141,39 +81,39 @@ class Tempered:
     background: Sequence[Background]
     run: Run
     alone: FloatArray = field(init=False)
-    pairs: NDArray[np.float32] = field(init=False)
+    _pairs: NDArray[np.float32] | None = field(init=False, default=None)
     _tables: tuple[FloatArray, FloatArray] | None = field(init=False, default=None)
     constant: float = field(init=False)
     drives: list[OnDrive] = field(init=False)
 
     def __post_init__(self) -> None:
-        """Compute all gains to first order."""
-        n = self.line.candidate.size
+        """Lay out the drives, and what each camera gains by itself."""
         self.drives = [
             on_drive(drive, self.line.candidate, base, self.theta)
             for drive, base in zip(self.objective.drives, self.background, strict=True)
         ]
-        self.alone = np.zeros(n)
-        self.pairs = np.zeros((n, n), dtype=np.float32)
+        self.alone = np.zeros(self.line.candidate.size)
         for d in self.drives:
             self.alone += d.weight * d.alone
-            for begin in range(0, n, ROWS):
-                paths.stop_in_time(self.run)
-                add_pair_gains(
-                    d.process,
-                    d.narrow,
-                    d.rows,
-                    d.whole,
-                    d.alone,
-                    self.line.alive,
-                    d.weight,
-                    begin,
-                    min(begin + ROWS, n),
-                    self.pairs,
-                )
         self.constant = constant_of(self.objective, self.background, self.theta)
         self.alone = self.alone * (1.0 + 1e-9) + 1e-9 * (self.alone > 0.0)
         self.alone[~self.line.may_start] = -np.inf
+
+    @property
+    def pairs(self) -> NDArray[np.float32]:
+        """Return all gains to first order (n, n); −∞ where there is no arc."""
+        if self._pairs is None:
+            n, alive = self.line.candidate.size, self.line.alive
+            pairs = np.zeros((n, n), dtype=np.float32)
+            for d in self.drives:
+                for begin in range(0, n, ROWS):
+                    paths.stop_in_time(self.run)
+                    add_pair_gains(
+                        d.process, d.narrow, d.rows, d.whole, d.alone, alive, d.weight,
+                        begin, min(begin + ROWS, n), pairs,
+                    )  # fmt: skip
+            self._pairs = pairs
+        return self._pairs
 
     @property
     def tables(self) -> tuple[FloatArray, FloatArray]:
@@ -224,12 +164,12 @@ class Tempered:
         F, B = np.ascontiguousarray(self.F[:, keep]), np.ascontiguousarray(self.B[:, keep])
         alive = paths.arcs_above(np.ascontiguousarray(self.pairs[rows]), F, B, least)
         line = self.line.subset(keep)
-        return Line(line.candidate, line.group, line.required, alive)
+        return replace(line, arcs=arcs_out(keep.size, *np.nonzero(alive)))
 
     @property
     def ends(self) -> FloatArray:
         """Return 0 for each position (n,) where a path may end, −∞ where not."""
-        return np.where(self.line.may_end, 0.0, -np.inf)
+        return self.line.ends
 
 
 class SecondOrder:
@@ -242,7 +182,7 @@ class SecondOrder:
         """
         self.first = first
         line, run = first.line, first.run
-        self.arcs = arcs = paths.lay_out(line.alive)
+        self.arcs = arcs = paths.lay_out(line)
         self.gains = np.zeros(int(arcs.triple[-1]), dtype=np.float32)
         layout = (arcs.into, arcs.source, arcs.out, arcs.out_of, arcs.target, arcs.triple)
         least = first.threshold(beat)
@@ -322,9 +262,8 @@ class SecondOrder:
         """Return the line without the candidates and arcs that no placement above `beat` uses."""
         line = self.first.line
         good = paths.best_through(self.F, self.B) >= self.first.threshold(beat)
-        alive = np.zeros_like(line.alive)
-        alive[self.arcs.source[good], self.arcs.target[good]] = True
-        return line.over_arcs(alive, self.first.alone + self.ends >= self.first.threshold(beat))
+        single = self.first.alone + self.ends >= self.first.threshold(beat)
+        return line.over_arcs(self.arcs.source[good], self.arcs.target[good], single)
 
 
 def triples_that_meet(arcs: paths.Arcs, cameras: Cameras) -> float:

@@ -17,8 +17,9 @@ from placement.bounds.matroid import root_choice
 from placement.objectives.entropy import Entropy
 from placement.problem import Problem, Run
 from placement.tempered.background import background_of, chains_of, stand_in
-from placement.tempered.bound import Tempered, make_line
+from placement.tempered.bound import Tempered
 from placement.tempered.dominance import undominated
+from placement.tempered.line import make_line
 from placement.tempered.paths import OutOfTimeError
 
 SHARES = (1.0, 0.85)

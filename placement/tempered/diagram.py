@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 
 from models.geometry import BoolArray, FloatArray, IntArray
 from placement.tempered import paths, states
-from placement.tempered.bound import Line, SecondOrder, Tempered
+from placement.tempered.bound import SecondOrder, Tempered
 from placement.tempered.labels import EMPTY, Hope, Labels, pass_labels
+from placement.tempered.line import Line
 from placement.tempered.paths import Arcs
 from placement.tempered.states import Layout
 
@@ -67,7 +68,7 @@ class Diagram:
         grades = 1
         if 0.0 < span < np.inf and self.price > 0.0:
             grades = int(np.clip(np.ceil(2.0 * span / self.price), 1, MOST_GRADES))
-        self.arcs = paths.lay_out(line.alive)
+        self.arcs = paths.lay_out(line)
         grades = min(grades, self.width)
         self.layout = layout = lay_out(self.arcs, min(self.width, WIDEST) // grades, grades)
         self.gains = np.zeros(len(layout.leads), dtype=np.float32)
@@ -154,9 +155,9 @@ class Diagram:
         line, arcs = self.first.line, self.arcs
         least = self.first.threshold(beat)
         good = states.reaching(self.layout, self.gains, self.F, self.B, least)
-        alive: BoolArray = np.zeros_like(line.alive)
-        alive[arcs.source[arcs.out[good]], arcs.target[arcs.out[good]]] = True
-        return line.over_arcs(alive, self.first.alone + self.first.ends >= least)
+        of = arcs.out[good]
+        single = self.first.alone + self.first.ends >= least
+        return line.over_arcs(arcs.source[of], arcs.target[of], single)
 
 
 def last_worth(first: Tempered) -> float:

@@ -47,24 +47,42 @@ def add_pair_gains(process, cameras, rows, whole, alone, alive, weight, begin, e
 @njit(cache=True)
 def _pair_gains_of(a, process, cameras, rows, whole, alone, alive, weight, pairs):  # type: ignore[no-untyped-def]
     n = alone.size
-    p = cameras.offsets.shape[2]
+    gains = np.empty(n)
+    gains_given(a, process, cameras, rows, whole, alone, alive[a], n, gains)
+    for b in range(a + 1, n):
+        if not alive[a, b]:
+            pairs[a, b] = -np.inf
+        elif cameras.last[b] >= 0:
+            pairs[a, b] = rounded_up(np.float64(pairs[a, b]) + weight * gains[b])
+
+
+@njit(cache=True)
+def gains_given(a, process, cameras, rows, whole, alone, wanted, stop, gains):  # type: ignore[no-untyped-def]
+    """Fill `gains` (n,) with the gains given camera a of those b in a + 1 … stop − 1 `wanted` (n,).
+
+    0 for the blind; `rows`, `whole` and `alone` as in `add_pair_gains`.
+    """
     first, last = cameras.first, cameras.last
-    samples = process.prior.shape[0]
+    farthest = -1
+    for b in range(a + 1, stop):
+        if wanted[b] and last[b] >= 0 and first[b] > last[a]:
+            farthest = max(farthest, first[b])
+    p = cameras.offsets.shape[2]
     space = work_space(2, p)
-    ahead, row = np.empty((samples, 6)), np.empty(ROW)
+    ahead, row = np.empty((farthest + 1, 6)), np.empty(ROW)
     both = np.empty(2, np.int64)
     both[0] = a
     given = 0.0
     if last[a] >= 0:
         start = prior_at(process, first[a])
         given = worth(start, rows[a])
-        behind = after(start, rows[a])
-        predict_ahead(process, behind, last[a], samples - 1, ahead)
-    for b in range(a + 1, n):
-        if not alive[a, b]:
-            pairs[a, b] = -np.inf
+        if farthest > last[a]:
+            predict_ahead(process, after(start, rows[a]), last[a], farthest, ahead)
+    for b in range(a + 1, stop):
+        if not wanted[b]:
             continue
         if last[b] < 0:
+            gains[b] = 0.0
             continue
         if last[a] < 0 or not whole[b]:
             gain = alone[b]
@@ -75,7 +93,7 @@ def _pair_gains_of(a, process, cameras, rows, whole, alone, alive, weight, pairs
             s = min(first[a], first[b])
             cross(process, cameras, both, s, max(last[a], last[b]), space, row)
             gain = min(worth(prior_at(process, s), row) - given, alone[b])
-        pairs[a, b] = rounded_up(np.float64(pairs[a, b]) + weight * max(gain, 0.0))
+        gains[b] = max(gain, 0.0)
 
 
 @njit(cache=True, parallel=True)

@@ -13,8 +13,9 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from models.geometry import BoolArray, FloatArray, IntArray
+from models.geometry import FloatArray, IntArray
 from placement.problem import Run
+from placement.tempered.line import ArcsOut, Line
 
 _STRIPE = 64  # cameras a thread serves at one time: their gains share cache lines
 
@@ -30,10 +31,10 @@ class Arcs(NamedTuple):
     triple: IntArray  # (m + 1,) into the gains of pairs of arcs
 
 
-def lay_out(alive: BoolArray) -> Arcs:
-    """Lay out the arcs that `alive` (n, n) marks."""
-    into, source, out_of, _, place = both_ways(alive, np.int64)
-    target = np.repeat(np.arange(len(alive)), np.diff(into))
+def lay_out(line: Line) -> Arcs:
+    """Lay out the arcs of a line."""
+    into, source, out_of, _, place = both_ways(line.laid_out, np.int64)
+    target = np.repeat(np.arange(line.candidate.size), np.diff(into))
     out = np.empty_like(place)
     out[place] = np.arange(len(place))
     follow = np.diff(out_of)[target]
@@ -42,31 +43,29 @@ def lay_out(alive: BoolArray) -> Arcs:
 
 
 def both_ways(
-    alive: BoolArray, kind: type[np.signedinteger[Any]]
+    arcs: ArcsOut, kind: type[np.signedinteger[Any]]
 ) -> tuple[IntArray, NDArray[Any], IntArray, NDArray[Any], NDArray[Any]]:
-    """Return the arcs that `alive` (n, n) marks, sorted by target and by source.
+    """Return arcs sorted by target and by source.
 
     `into` (n + 1,) and the sources by target, `out_of` (n + 1,) and the targets by source, and
     where each arc by target is among those by source; arcs (m,) of the `kind` of integer.
     """
-    into = np.concatenate([[0], np.cumsum(alive.sum(axis=0))]).astype(np.int64)
-    out_of = np.concatenate([[0], np.cumsum(alive.sum(axis=1))]).astype(np.int64)
-    source, target, place = (np.empty(int(into[-1]), dtype=kind) for _ in range(3))
-    _fill_arcs(alive, into, source, target, place)
-    return into, source, out_of, target, place
+    n, m = len(arcs.out_of) - 1, len(arcs.target)
+    counts = np.bincount(arcs.target, minlength=n)
+    into = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    source, place = np.empty(m, dtype=kind), np.empty(m, dtype=kind)
+    _fill_arcs(arcs.out_of, arcs.target, into, source, place)
+    return into, source, arcs.out_of, arcs.target.astype(kind, copy=False), place
 
 
 @njit(cache=True)
-def _fill_arcs(alive, into, source, target, place):  # type: ignore[no-untyped-def]
+def _fill_arcs(out_of, target, into, source, place):  # type: ignore[no-untyped-def]
     taken = into[:-1].copy()
-    e = 0
-    for a in range(alive.shape[0]):
-        for b in range(alive.shape[1]):
-            if alive[a, b]:
-                at = taken[b]
-                taken[b] += 1
-                source[at], place[at], target[e] = a, e, b
-                e += 1
+    for a in range(out_of.size - 1):
+        for e in range(out_of[a], out_of[a + 1]):
+            at = taken[target[e]]
+            taken[target[e]] += 1
+            source[at], place[at] = a, e
 
 
 @njit(cache=True, parallel=True)

@@ -21,10 +21,10 @@ from placement.sieve.features import RANK
 from placement.sieve.first import FirstOrder
 from placement.sieve.neighbours import IMPOSSIBLE, STEPS
 from placement.sieve.sieve import Sieve
-from placement.tempered import states
 from placement.tempered.background import background_of, chains_of, stand_in
-from placement.tempered.bound import SecondOrder, Tempered, make_line
+from placement.tempered.bound import SecondOrder, Tempered
 from placement.tempered.diagram import Diagram
+from placement.tempered.line import make_line
 from placement.tempered.paths import OutOfTimeError
 from placement.tempered.process import cameras_of, take_in
 from tests.placement.tempered.test_bound import best_placement, new_run, small_problem
@@ -244,8 +244,8 @@ def test_priced_paths_equal_those_of_an_enumeration(seed: int) -> None:
                 out = np.arange(found.near.out_of[j], found.near.out_of[j + 1])
                 e = out[found.near.target[out] == k][0]
                 through[e] = max(through[e], value)
-    rest = states.priced_beyond(first.pairs, first.ends, price)
-    given = first.pairs, first.alone, found.near, found.told, found.losses, 1.0, price, rest
+    rest = found.order.beyond_at(price)
+    given = found.order.gain, first.alone, found.near, found.told, found.losses, 1.0, price, rest
     for need in (-np.inf, best - 1.0, best - 1e-3):
         ahead, behind = np.full(m, -np.inf), np.full(m, -np.inf)
         priced.forward(*given, need, ahead)
@@ -279,8 +279,8 @@ def test_priced_paths_are_those_of_a_plain_program_where_there_are_many_cameras(
         for e in range(near.out_of[j], near.out_of[j + 1]):
             value = first.pairs[j, near.target[e]] - price + behind[e]
             behind[into] = np.maximum(behind[into], value - found.losses_of(j, e))
-    rest = states.priced_beyond(first.pairs, first.ends, price)
-    given = first.pairs, first.alone, near, found.told, found.losses, 1.0, price, rest, -np.inf
+    rest = found.order.beyond_at(price)
+    given = found.order.gain, first.alone, near, found.told, found.losses, 1.0, price, rest, -np.inf
     ahead, after = np.full(m, -np.inf), np.full(m, -np.inf)
     priced.forward(*given, ahead)
     priced.backward(given[0], first.ends, *given[2:], ahead, after)

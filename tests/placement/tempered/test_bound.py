@@ -20,8 +20,9 @@ from placement.problem import Problem, Run
 from placement.solution import Status
 from placement.solve import solve
 from placement.tempered.background import background_of, chains_of, stand_in
-from placement.tempered.bound import SecondOrder, Tempered, make_line
+from placement.tempered.bound import SecondOrder, Tempered
 from placement.tempered.diagram import Diagram
+from placement.tempered.line import make_line
 from placement.tempered.search import gains_beyond, search
 
 SHARES = (1.0, 0.7, 0.3, 0.02)

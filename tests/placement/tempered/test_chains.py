@@ -17,9 +17,10 @@ from placement.objectives.windows.dense import DenseDrive
 from placement.problem import Problem
 from placement.solve import solve
 from placement.tempered.background import chains_of, constant_of
-from placement.tempered.bound import Tempered, make_line
+from placement.tempered.bound import Tempered
 from placement.tempered.chains import Chain, chain_of, mixed
 from placement.tempered.chains import constant_of as constant_of_drive
+from placement.tempered.line import make_line
 from placement.tempered.process import larger_pieces
 from tests.placement.tempered.test_bound import best_placement, new_run, small_problem
 from tests.placement.tempered.test_persistent import Dense

@@ -14,9 +14,10 @@ from placement.constraints import Constraints
 from placement.objectives.entropy import Entropy
 from placement.tempered import labels, paths
 from placement.tempered.background import background_of, stand_in
-from placement.tempered.bound import SecondOrder, Tempered, make_line
+from placement.tempered.bound import SecondOrder, Tempered
 from placement.tempered.crossings import run_through, work_space
 from placement.tempered.diagram import Diagram, lay_out
+from placement.tempered.line import Line, make_line
 from placement.tempered.process import cameras_of, prior_at, take_in
 from tests.placement.tempered.test_bound import new_run
 from tests.placement.tempered.test_persistent import Dense
@@ -66,8 +67,8 @@ def test_above_of_a_singular_covariance_is_the_sum(singular: FloatArray) -> None
 
 
 def test_predecessors_share_places_in_their_order() -> None:
-    alive = np.triu(np.ones((4, 4), dtype=np.bool_), 1)
-    layout = lay_out(paths.lay_out(alive), 2, 3)
+    line = Line(np.arange(4), np.full(4, -1), np.zeros(4, dtype=np.bool_))
+    layout = lay_out(paths.lay_out(line), 2, 3)
     assert list(np.diff(layout.state_of)) == [1, 4, 7, 7]
     # arcs sorted by source: 0→1, 0→2, 0→3, 1→2, 1→3, 2→3
     assert list(layout.base) == [1, 1, 1, 4, 1, 4]

@@ -19,8 +19,9 @@ from placement.solution import Status
 from placement.solve import solve
 from placement.tempered import bound
 from placement.tempered.background import Background, background_of, chains_of, stand_in
-from placement.tempered.bound import SecondOrder, Tempered, make_line
+from placement.tempered.bound import SecondOrder, Tempered
 from placement.tempered.chains import Chain
+from placement.tempered.line import make_line
 from placement.tempered.process import larger_pieces
 from placement.tempered.search import gains_beyond
 from tests.placement.tempered.test_bound import (

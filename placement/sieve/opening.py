@@ -1,0 +1,222 @@
+"""The arcs of a long line that first-order paths at a price leave, without a table of all pairs.
+
+Most pairs of ten thousand cameras and more are hopeless, and known to be without their gain: no
+camera gains more than it does alone. So the best path into each camera asks for the gain of an arc
+only where that might be a better way in, the arcs themselves only where the best path through them
+might be worth it. Paths through every sixteenth camera come first, to have something to compare
+with. Gains of cameras whose windows meet take a hundred times as long as others: they are kept.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from models.geometry import BoolArray, FloatArray, IntArray
+from placement.tempered import paths
+from placement.tempered.bound import Tempered
+from placement.tempered.gains import gains_given, rounded_up
+from placement.tempered.line import ArcsOut, may_follow
+from placement.tempered.process import Cameras
+
+BATCH = 32  # cameras whose arcs are looked at together
+ROWS = 1024  # of known arcs, between two looks at the clock
+THIN = 16
+MOST_MEETINGS = 100_000_000  # gains of cameras whose windows meet: 400 MB
+MORE = 1.0 + 1e-8  # no gain is more than this times that alone, after rounding
+
+
+class Opened(NamedTuple):
+    """What paths at a price come to, and which arcs they leave; None if too many."""
+
+    best: float
+    into: FloatArray  # (n,) the best path that ends with each camera
+    arcs: ArcsOut | None
+    gain: NDArray[np.float32]  # (m,)
+
+
+class View(NamedTuple):
+    """What is asked about the cameras of a line; `placement.tempered.gains` has the first four."""
+
+    rows: FloatArray
+    whole: BoolArray
+    alone: FloatArray
+    weight: float
+    group: IntArray  # (n,) and past which position nobody may follow
+    stop: IntArray
+    met_at: IntArray  # (n + 1,) gains given each camera, of the next one, the one after it, …
+    met: NDArray[np.float32]  # NaN where nobody has asked
+
+
+def gains_along(first: Tempered, arcs: ArcsOut) -> NDArray[np.float32]:
+    """Return the first-order gain of each arc (m,)."""
+    (d,) = first.drives
+    found = np.zeros(len(arcs.target), dtype=np.float32)
+    n = len(arcs.out_of) - 1
+    for begin in range(0, n, ROWS):
+        paths.stop_in_time(first.run)
+        _fill_gains(
+            d.process, d.narrow, d.rows, d.whole, d.alone, d.weight, arcs, begin,
+            min(begin + ROWS, n), found,
+        )  # fmt: skip
+    return found
+
+
+def open_up(first: Tempered, price: float, need: float, most: int) -> Opened:
+    """Return the arcs of all that may be, on paths that come to `need` at a price; up to `most`."""
+    (d,) = first.drives
+    line, n = first.line, first.line.candidate.size
+    met_at = _places_of_meetings(d.narrow)
+    met = np.full(int(met_at[-1]), np.nan, dtype=np.float32)
+    view = View(d.rows, d.whole, d.alone, d.weight, line.group, line.stop, met_at, met)
+    seen = d.process, d.narrow, view
+    into = first.alone - price
+    buffer = np.empty((BATCH, n), dtype=np.float32)
+    for thin in (THIN, 1):
+        for begin in range(0, n, BATCH * thin):
+            paths.stop_in_time(first.run)
+            first.run.progress(f"arcs from camera {begin} of {n}", None)
+            _go_on(*seen, price, begin, min(begin + BATCH * thin, n), thin, into, buffer)
+    best = max(0.0 if not line.required.any() else -np.inf, float(np.max(into + first.ends)))
+    beyond = first.ends.copy()
+    counts = np.zeros(n, dtype=np.int64)
+    targets: list[NDArray[np.int32]] = []
+    gains: list[NDArray[np.float32]] = []
+    left = most
+    for begin in range((n - 1) // BATCH * BATCH, -1, -BATCH):
+        paths.stop_in_time(first.run)
+        first.run.progress(f"arcs worth it before camera {begin} of {n}", None)
+        end = min(begin + BATCH, n)
+        _look_back(*seen, price, need, begin, end, into, beyond, buffer)
+        row, column = np.nonzero(buffer[: end - begin] > -np.inf)
+        left -= len(row)
+        if left < 0:
+            return Opened(best, into, None, np.empty(0, dtype=np.float32))
+        counts[begin:end] = np.bincount(row, minlength=end - begin)
+        targets.append(column.astype(np.int32))
+        gains.append(buffer[row, column])
+    out_of = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    arcs = ArcsOut(out_of, np.concatenate(targets[::-1]))
+    return Opened(best, into, arcs, np.concatenate(gains[::-1]))
+
+
+def _places_of_meetings(cameras: Cameras) -> IntArray:
+    """Return where gains given each camera lie (n + 1,), of all up to the last one it meets."""
+    n = cameras.first.size
+    # the last position that begins by each sample
+    by_sample = np.full(int(cameras.first.max(initial=0)) + 1, -1)
+    np.maximum.at(by_sample, cameras.first, np.arange(n))
+    latest = np.maximum.accumulate(by_sample)
+    seen = np.where(cameras.last >= 0, np.minimum(cameras.last, latest.size - 1), 0)
+    many = np.where(cameras.last >= 0, np.maximum(latest[seen] - np.arange(n), 0), 0)
+    if many.sum() > MOST_MEETINGS:
+        many[:] = 0
+    return np.concatenate([[0], np.cumsum(many)]).astype(np.int64)
+
+
+@njit(cache=True, parallel=True)
+def _fill_gains(process, cameras, rows, whole, alone, weight, arcs, begin, end, found):  # type: ignore[no-untyped-def]
+    for a in prange(begin, end):
+        _fill_row(a, process, cameras, rows, whole, alone, weight, arcs, found)
+
+
+@njit(cache=True)
+def _fill_row(a, process, cameras, rows, whole, alone, weight, arcs, found):  # type: ignore[no-untyped-def]
+    begin, end = arcs.out_of[a], arcs.out_of[a + 1]
+    if begin == end:
+        return
+    stop = np.int64(arcs.target[end - 1]) + 1
+    wanted, gains = np.zeros(stop, np.bool_), np.empty(stop)
+    for e in range(begin, end):
+        wanted[arcs.target[e]] = True
+    gains_given(a, process, cameras, rows, whole, alone, wanted, stop, gains)
+    for e in range(begin, end):
+        b = arcs.target[e]
+        if cameras.last[b] >= 0:
+            found[e] = rounded_up(weight * gains[b])
+
+
+@njit(cache=True)
+def _go_on(process, cameras, view, price, begin, end, step, into, buffer):  # type: ignore[no-untyped-def]
+    """Better `into` (n,) by paths on from every `step`-th camera of begin … end − 1."""
+    n = into.size
+    wanted, gains = np.zeros(end, np.bool_), np.empty(end)
+    row = np.empty(end, np.float32)
+    bar = -into
+    for a in range(begin, end, step):
+        if into[a] > -np.inf:
+            now = into[a] - price
+            _ask(a, a + 1, end, process, cameras, view, now, bar, 0.0, wanted, gains, row)
+            for b in range(a + 1, end):
+                into[b] = max(into[b], now + row[b])
+    _ask_all(begin, end, step, process, cameras, view, price, into, -into, 0.0, buffer)
+    for a in range(begin, end, step):
+        row = buffer[(a - begin) // step]
+        for b in range(end, n):
+            into[b] = max(into[b], into[a] - price + row[b])
+
+
+@njit(cache=True)
+def _look_back(process, cameras, view, price, need, begin, end, into, beyond, buffer):  # type: ignore[no-untyped-def]
+    """Fill `buffer` (·, n) with the gains of arcs worth it out of begin … end − 1, else −∞.
+
+    Those are on paths that come to `need`; betters `beyond` (n,) by them.
+    """
+    n = into.size
+    _ask_all(begin, end, 1, process, cameras, view, price, into, beyond, need, buffer)
+    wanted, gains = np.zeros(end, np.bool_), np.empty(end)
+    for a in range(end - 1, begin - 1, -1):
+        row = buffer[a - begin]
+        row[: a + 1] = -np.inf
+        now = into[a] - price
+        _ask(a, a + 1, end, process, cameras, view, now, beyond, need, wanted, gains, row)
+        for b in range(a + 1, n):
+            if now + row[b] + beyond[b] >= need:
+                beyond[a] = max(beyond[a], row[b] - price + beyond[b])
+            else:
+                row[b] = -np.inf
+
+
+@njit(cache=True, parallel=True)
+def _ask_all(begin, end, step, process, cameras, view, price, into, more, need, buffer):  # type: ignore[no-untyped-def]
+    """Ask given every `step`-th camera of begin … end − 1 about those from `end` on, a row each."""
+    for number in prange((end - begin + step - 1) // step):
+        a = begin + number * step
+        n = into.size
+        _ask(
+            a, end, n, process, cameras, view, into[a] - price, more, need,
+            np.zeros(n, np.bool_), np.empty(n), buffer[number],
+        )  # fmt: skip
+
+
+@njit(cache=True)
+def _ask(a, low, high, process, cameras, view, now, more, need, wanted, gains, row):  # type: ignore[no-untyped-def]
+    """Fill `row` with the gains given a of those b in low … high − 1 that may be worth it, else −∞.
+
+    Of those may be who lift `now`, together with `more` (n,), to `need`; `wanted` and `gains`
+    (high,) are room to work in, the first false everywhere.
+    """
+    some = False
+    meeting = view.met[view.met_at[a] : view.met_at[a + 1]]  # of a + 1 and those behind it
+    for b in range(low, high):
+        row[b] = -np.inf
+        if now + (view.weight * view.alone[b] * MORE + 1e-8) + more[b] >= need and may_follow(
+            view.group, view.stop, a, b
+        ):
+            place = b - a - 1
+            if place < meeting.size and meeting[place] == meeting[place]:
+                row[b] = meeting[place]
+            else:
+                wanted[b] = some = True
+    if not some:
+        return
+    gains_given(a, process, cameras, view.rows, view.whole, view.alone, wanted, high, gains)
+    for b in range(low, high):
+        if wanted[b]:
+            row[b] = rounded_up(view.weight * gains[b]) if cameras.last[b] >= 0 else np.float32(0.0)
+            wanted[b] = False
+            if b - a - 1 < meeting.size:
+                meeting[b - a - 1] = row[b]

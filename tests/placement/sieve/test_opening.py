@@ -1,0 +1,161 @@
+"""Arcs found without a table of all pairs, against those of a table."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.synthetic_drives import random_drive
+from models.geometry import BoolArray, FloatArray
+from placement.constraints import Constraints
+from placement.objectives.entropy import Entropy
+from placement.problem import Problem
+from placement.sieve import first as first_module
+from placement.sieve import opening
+from placement.sieve.first import FirstOrder
+from placement.sieve.opening import gains_along, open_up
+from placement.solve import solve
+from placement.solvers import tempered
+from placement.tempered.background import background_of, chains_of
+from placement.tempered.bound import Tempered
+from placement.tempered.line import make_line
+from placement.tempered.paths import OutOfTimeError
+from tests.placement.sieve.test_sieve import hold_sieves_against_brute_force
+from tests.placement.tempered.test_bound import new_run
+
+N = 75
+
+
+def tempered_over(seed: int, share: float = 0.9) -> Tempered:
+    """Return the first order over a road of mounts whose cameras' windows often meet."""
+    rng = np.random.default_rng([83, seed])
+    drive = random_drive(
+        rng, n_samples=120, n_candidates=N, longest_window=9, offsets=seed % 3, wrap=seed % 4 == 3
+    )
+    if seed % 2:
+        drive = replace(drive, weight=0.3)
+    objective = Entropy([drive])
+    y = rng.uniform(0.0, 0.1, N)
+    group = np.arange(N) // 3 if seed % 2 else np.full(N, -1)
+    required = np.array([N // 3, N // 2]) if seed % 5 == 4 else np.empty(0, dtype=np.int64)
+    constraints = Constraints(N, 7, group, required, np.empty(0, dtype=np.int64))
+    line = make_line(objective, constraints, np.arange(N))
+    background = (drive.persistent and chains_of(objective, y)) or background_of(objective, y)
+    return Tempered(objective, line, 7, share, background, new_run())
+
+
+def by_table(
+    first: Tempered, price: float, need: float
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return paths into and beyond each camera, and the arcs on paths worth `need`."""
+    into, beyond = first.alone - price, first.ends.copy()
+    for a in range(N):
+        for b in range(a + 1, N):
+            into[b] = max(into[b], into[a] + first.pairs[a, b] - price)
+    for a in range(N - 1, -1, -1):
+        for b in range(a + 1, N):
+            beyond[a] = max(beyond[a], first.pairs[a, b] - price + beyond[b])
+    return into, beyond, into[:, None] + first.pairs - price + beyond[None, :] >= need
+
+
+@pytest.mark.parametrize("room", [True, False])
+@pytest.mark.parametrize("seed", range(10))
+def test_arcs_worth_it_are_those_of_a_table_of_all_pairs(
+    seed: int, room: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not room:
+        monkeypatch.setattr(opening, "MOST_MEETINGS", 0)
+    first = tempered_over(seed)
+    rough = FirstOrder(first, -np.inf)
+    best = rough.least - first.budget * rough.price
+    for price, short in ((rough.price, 0.2), (0.7 * rough.price, 1.0), (rough.price, np.inf)):
+        into, _, _ = by_table(first, price, 0.0)
+        need = max(float(np.max(into + first.ends)), best) - short
+        into, _, worth = by_table(first, price, need)
+        worth &= first.line.alive
+        found = open_up(first, price, need, N * N)
+        assert found.arcs is not None
+        assert found.into == pytest.approx(into, abs=1e-12)
+        assert found.best == pytest.approx(max(np.max(into + first.ends), 0.0), abs=1e-12)
+        got = np.zeros_like(worth)
+        got[found.arcs.source, found.arcs.target] = True
+        assert np.array_equal(got, worth)
+        assert 0 < worth.sum() <= first.line.n_arcs
+        assert np.array_equal(found.gain, first.pairs[found.arcs.source, found.arcs.target])
+        assert np.array_equal(gains_along(first, found.arcs), found.gain)
+
+
+def test_too_many_arcs_are_none_and_leave_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    first = tempered_over(1)
+    assert open_up(first, 0.1, -np.inf, 10).arcs is None
+    monkeypatch.setattr(first_module, "MANY", 10)
+    monkeypatch.setattr(first_module, "THINNED", 20)
+    found = FirstOrder(first, -np.inf, most=10)
+    assert found.too_many
+    assert found.arcs > 10
+    assert first.bound() - 1e-9 <= found.bound() <= 1.5 * first.bound()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_long_lines_first_order_leaves_what_that_of_a_short_one_does(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = tempered_over(seed)
+    beat = 0.99 * first.bound()
+    short = FirstOrder(first, beat)
+    monkeypatch.setattr(first_module, "MANY", 10)
+    monkeypatch.setattr(first_module, "THINNED", 20)
+    long = FirstOrder(first, beat)
+    # placements above the score to beat are in both; the price may differ a little
+    assert long.bound() == pytest.approx(short.bound(), rel=1e-3)
+    assert first.bound() <= long.bound() + 1e-9
+    left = first.survivors(beat)
+    kept = set(
+        zip(
+            first.line.candidate[np.repeat(np.arange(N), np.diff(long.near.out_of))],
+            first.line.candidate[long.near.target],
+            strict=True,
+        )
+    )
+    for a, b in np.argwhere(left.alive):
+        assert (left.candidate[a], left.candidate[b]) in kept
+
+
+def test_no_sieve_of_a_long_line_is_below_the_best_placement(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(first_module, "MANY", 2)
+    monkeypatch.setattr(first_module, "THINNED", 3)
+    monkeypatch.setattr(opening, "BATCH", 2)
+    monkeypatch.setattr(opening, "THIN", 2)
+    for seed in range(40):
+        hold_sieves_against_brute_force(seed, seed % 4)
+
+
+@pytest.mark.parametrize("offsets", [0, 2])
+def test_a_line_too_long_for_a_table_is_proven_by_sieves(
+    offsets: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng([89, offsets])
+    drive = random_drive(rng, n_samples=300, n_candidates=240, longest_window=6, offsets=offsets)
+    none = np.empty(0, dtype=np.int64)
+    problem = Problem(Entropy([drive]), Constraints(240, 6, np.arange(240) // 2, none, none))
+    whole = solve(problem, "tempered")
+    monkeypatch.setattr(first_module, "MANY", 50)
+    monkeypatch.setattr(first_module, "THINNED", 40)
+    monkeypatch.setattr(tempered, "MOST_PAIRS", 4.0 * 100**2)
+    long = solve(problem, "tempered", time_limit_s=60.0)
+    assert whole.bound is not None
+    assert long.bound is not None
+    assert long.value == pytest.approx(whole.value, rel=1e-6)
+    assert max(long.bound, whole.bound) <= 1.01 * whole.value
+    assert any("sieved" in stage for stage in long.stats["bounds"])
+
+
+def test_an_opening_out_of_time_stops() -> None:
+    first = tempered_over(0)
+    first.run.deadline = 0.0
+    with pytest.raises(OutOfTimeError):
+        open_up(first, 0.1, 0.0, N * N)
