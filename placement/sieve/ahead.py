@@ -23,7 +23,7 @@ BLOCK, SIDE = 4, 32  # cameras before, and ahead, whose covariances are found to
 
 @njit(cache=True)
 def fill_ahead(  # type: ignore[no-untyped-def]
-    j, cameras, whole, kind, weight, gain, near, features, meeting, known, root, parted,
+    j, cameras, kind, weight, gain, near, features, meeting, known, root, parted,
     at_early, start, before, used, camera, reached, told, losses,
 ):  # fmt: skip
     """Fill the rows of arcs to cameras that see what j or its near ones see."""
@@ -49,7 +49,7 @@ def fill_ahead(  # type: ignore[no-untyped-def]
             continue
         k = near.target[e]
         arc[u] = e
-        if whole[k] and camera_given(cameras, k, j, features, root, one, given[u]):
+        if camera_given(cameras, k, j, features, root, one, given[u]):
             low[:] = given[u]
             log_det[u] = factor(low, rank)
             usable[u] = some_noise(low, rank)

@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from models.geometry import FloatArray
+from models.geometry import FloatArray, IntArray
 from placement.sieve.neighbours import Neighbours, neighbours_of
-from placement.sieve.opening import gains_along, open_up
+from placement.sieve.opening import Opening, gains_along
 from placement.sieve.prices import seek_price
 from placement.tempered import paths
 from placement.tempered.bound import Tempered
-from placement.tempered.line import ArcsOut
+from placement.tempered.line import ArcsOut, Line
 
 PRICES = 16  # tried at most
 PRICED_TO = 1e-4  # of the bound
 MANY = 3000  # cameras: arcs of more are not all laid out to begin with
-THINNED = 1500  # of those, for a first price
-MOST_ARCS = 60_000_000  # laid out at one time: with their layout, 3 GB
+THINNED = 3000  # of those, for a first price
+SWEEPS = 4  # over a long line, for a better one,
+ROUGHLY = 0.05  # to this share of the gap to the score to beat
 
 
 @dataclass(slots=True)
@@ -34,7 +36,7 @@ class FirstOrder:
 
     first: Tempered
     beat: float
-    most: int = MOST_ARCS
+    most: int = 60_000_000
     price: float = field(init=False, default=0.0)
     least: float = field(init=False, default=math.inf)
     into: FloatArray = field(init=False)  # (n,) the best path that ends with each camera
@@ -49,22 +51,11 @@ class FirstOrder:
         if arcs is None:
             self.too_many = True
             return
-        first, budget = self.first, self.first.budget
-
-        def evaluate(price: float) -> tuple[float, int]:
-            paths.stop_in_time(first.run)
-            into, cameras = into_each(arcs, self.gain, first.alone, price)
-            total = into + first.ends
-            best = int(np.argmax(total))
-            none = 0.0 if not first.line.required.any() else -np.inf
-            bound = max(none, float(total[best])) + budget * price
-            if bound < self.least:
-                self.least, self.price, self.into = bound, price, into
-            return bound, int(cameras[best]) if total[best] > none else 0
-
-        guess = self.price or float(np.max(first.alone, initial=0.0)) / budget
-        seek_price(
-            evaluate, budget, guess, lambda least: PRICED_TO * abs(least), lambda n: n < PRICES
+        first = self.first
+        self._find_price(
+            lambda price: into_each(arcs, self.gain, first.alone, price),
+            lambda least: PRICED_TO * abs(least),
+            PRICES,
         )
         self.beyond = beyond_each(arcs, self.gain, first.ends, self.price)
         kept = arcs_worth(
@@ -73,6 +64,29 @@ class FirstOrder:
         (d,) = first.drives
         self.gain = self.gain[kept]
         self.near = neighbours_of(arcs.only(kept), d.narrow)
+
+    def _find_price(
+        self,
+        paths_into: Callable[[float], tuple[FloatArray, IntArray]],
+        enough: Callable[[float], float],
+        most: int,
+    ) -> None:
+        """Try up to `most` prices; `paths_into` says the best path into each camera at one."""
+        first, budget = self.first, self.first.budget
+        none = 0.0 if not first.line.required.any() else -np.inf
+
+        def evaluate(price: float) -> tuple[float, int]:
+            paths.stop_in_time(first.run)
+            into, cameras = paths_into(price)
+            total = into + first.ends
+            best = int(np.argmax(total))
+            bound = max(none, float(total[best])) + budget * price
+            if bound < self.least:
+                self.least, self.price, self.into = bound, price, into
+            return bound, int(cameras[best]) if total[best] > none else 0
+
+        guess = self.price or float(np.max(first.alone, initial=0.0)) / budget
+        seek_price(evaluate, budget, guess, enough, lambda n: n < most)
 
     def _opened(self) -> ArcsOut | None:
         """Return arcs that may be worth it, and set their gains; None if there are too many."""
@@ -87,12 +101,17 @@ class FirstOrder:
         thin = line.subset(kept[(kept % step == 0) | line.required])
         thin = replace(thin, arcs=thin.laid_out)
         self.price = FirstOrder(replace(first, line=thin), -np.inf).price
-        found = open_up(first, self.price, self.need(self.price), self.most)
-        self.least, self.into = found.best + first.budget * self.price, found.into
-        if found.arcs is None:
+        opening, floor = Opening(first), first.threshold(self.beat)
+
+        def enough(least: float) -> float:
+            return ROUGHLY * max(least - floor, 0.0) if np.isfinite(floor) else 1e-9
+
+        self._find_price(opening.into_each, enough, SWEEPS)
+        found = opening.arcs_worth(self.into, self.price, self.need(self.price), self.most)
+        if found is None:
             return None
-        self.gain = found.gain
-        return found.arcs
+        arcs, self.gain = found
+        return arcs
 
     @property
     def arcs(self) -> int:
@@ -113,6 +132,13 @@ class FirstOrder:
         arcs = ArcsOut(self.near.out_of, self.near.target)
         found: FloatArray = beyond_each(arcs, self.gain, self.first.ends, price)
         return found
+
+    def left(self) -> Line:
+        """Return the line over the arcs that are left."""
+        line = self.first.line
+        if self.too_many:
+            return line
+        return replace(line, arcs=ArcsOut(self.near.out_of, self.near.target))
 
     def bound(self) -> float:
         """Return an upper bound on all placements of the line, but those not above `beat`."""

@@ -36,27 +36,27 @@ class Known(NamedTuple):
 
 @njit(cache=True, parallel=True)
 def fill_losses(  # type: ignore[no-untyped-def]
-    process, cameras, rows, whole, kind, weight, gain, near, features, meeting, known, nodes,
+    process, cameras, rows, kind, weight, gain, near, features, meeting, known, nodes,
     told, losses,
 ):  # fmt: skip
     """Fill what is told around each j in `nodes`, and the rows of `losses` of the arcs out of it.
 
-    `gain` (m,) are the first-order gains by source, `rows` and `whole` as in
+    `gain` (m,) are the first-order gains by source, `rows` as in
     `placement.tempered.gains`, `kind` (n,) the group that may have one
-    camera, −1 for none. Cameras that are not `whole` lose nothing.
+    camera, −1 for none.
     """
     for number in prange(nodes.size):
         j = nodes[number]
         if near.out_of[j] < near.out_of[j + 1]:
             _fill_around(
-                j, process, cameras, rows, whole, kind, weight, gain, near, features, meeting,
+                j, process, cameras, rows, kind, weight, gain, near, features, meeting,
                 known, told, losses,
             )  # fmt: skip
 
 
 @njit(cache=True)
 def _fill_around(  # type: ignore[no-untyped-def]
-    j, process, cameras, rows, whole, kind, weight, gain, near, features, meeting, known, told,
+    j, process, cameras, rows, kind, weight, gain, near, features, meeting, known, told,
     losses,
 ):  # fmt: skip
     if cameras.last[j] >= 0 and not features.usable[j]:
@@ -96,8 +96,8 @@ def _fill_around(  # type: ignore[no-untyped-def]
     if parted:
         tell_from_afar(j, process, cameras, rows, near, at_early, told)
         tell_from_near(j, features, near, at_beyond, stop, before, used, told)
-        tell_beyond(j, process, cameras, rows, whole, near, at_beyond, told)
+        tell_beyond(j, process, cameras, rows, near, at_beyond, told)
     fill_ahead(
-        j, cameras, whole, kind, weight, gain, near, features, meeting, known, root,
+        j, cameras, kind, weight, gain, near, features, meeting, known, root,
         parted, at_early, start, before, used, camera, reached, told, losses,
     )  # fmt: skip

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from models.geometry import BoolArray, FloatArray, IntArray
+from models.geometry import FloatArray, IntArray
 from placement.tempered import paths
 from placement.tempered.bound import Tempered
 from placement.tempered.gains import gains_given, rounded_up
@@ -29,21 +29,12 @@ MOST_MEETINGS = 100_000_000  # gains of cameras whose windows meet: 400 MB
 MORE = 1.0 + 1e-8  # no gain is more than this times that alone, after rounding
 
 
-class Opened(NamedTuple):
-    """What paths at a price come to, and which arcs they leave; None if too many."""
-
-    best: float
-    into: FloatArray  # (n,) the best path that ends with each camera
-    arcs: ArcsOut | None
-    gain: NDArray[np.float32]  # (m,)
-
-
 class View(NamedTuple):
     """What is asked about the cameras of a line; `placement.tempered.gains` has the first four."""
 
     rows: FloatArray
-    whole: BoolArray
     alone: FloatArray
+    extra: FloatArray
     weight: float
     group: IntArray  # (n,) and past which position nobody may follow
     stop: IntArray
@@ -59,48 +50,65 @@ def gains_along(first: Tempered, arcs: ArcsOut) -> NDArray[np.float32]:
     for begin in range(0, n, ROWS):
         paths.stop_in_time(first.run)
         _fill_gains(
-            d.process, d.narrow, d.rows, d.whole, d.alone, d.weight, arcs, begin,
+            d.process, d.narrow, d.rows, d.piece, d.extra, d.weight, arcs, begin,
             min(begin + ROWS, n), found,
         )  # fmt: skip
     return found
 
 
-def open_up(first: Tempered, price: float, need: float, most: int) -> Opened:
-    """Return the arcs of all that may be, on paths that come to `need` at a price; up to `most`."""
-    (d,) = first.drives
-    line, n = first.line, first.line.candidate.size
-    met_at = _places_of_meetings(d.narrow)
-    met = np.full(int(met_at[-1]), np.nan, dtype=np.float32)
-    view = View(d.rows, d.whole, d.alone, d.weight, line.group, line.stop, met_at, met)
-    seen = d.process, d.narrow, view
-    into = first.alone - price
-    buffer = np.empty((BATCH, n), dtype=np.float32)
-    for thin in (THIN, 1):
-        for begin in range(0, n, BATCH * thin):
+class Opening:
+    """Paths through all cameras of a line that nobody has looked at; on a single drive."""
+
+    def __init__(self, first: Tempered) -> None:
+        """Make room for the gains of cameras that meet."""
+        (d,) = first.drives
+        line = first.line
+        met_at = _places_of_meetings(d.narrow)
+        met = np.full(int(met_at[-1]), np.nan, dtype=np.float32)
+        view = View(d.rows, d.piece, d.extra, d.weight, line.group, line.stop, met_at, met)
+        self._first = first
+        self._seen = d.process, d.narrow, view
+        self._buffer = np.empty((BATCH, line.candidate.size), dtype=np.float32)
+
+    def into_each(self, price: float) -> tuple[FloatArray, IntArray]:
+        """Return the best first-order path into each camera (n,) at a price, and its cameras."""
+        first, n = self._first, self._first.line.candidate.size
+        into = first.alone - price
+        before = np.full(n, -1)
+        for thin in (THIN, 1):
+            for begin in range(0, n, BATCH * thin):
+                paths.stop_in_time(first.run)
+                first.run.progress(f"paths into camera {begin} of {n}", None)
+                end = min(begin + BATCH * thin, n)
+                _go_on(*self._seen, price, begin, end, thin, into, before, self._buffer)
+        return into, _count(before)
+
+    def arcs_worth(
+        self, into: FloatArray, price: float, need: float, most: int
+    ) -> tuple[ArcsOut, NDArray[np.float32]] | None:
+        """Return the arcs on paths that come to `need` at a price, and their gains (m,).
+
+        `into` (n,) are the best paths into each camera at that price; None if over `most` are left.
+        """
+        first, n = self._first, self._first.line.candidate.size
+        beyond = first.ends.copy()
+        counts = np.zeros(n, dtype=np.int64)
+        targets: list[NDArray[np.int32]] = []
+        gains: list[NDArray[np.float32]] = []
+        for begin in range((n - 1) // BATCH * BATCH, -1, -BATCH):
             paths.stop_in_time(first.run)
-            first.run.progress(f"arcs from camera {begin} of {n}", None)
-            _go_on(*seen, price, begin, min(begin + BATCH * thin, n), thin, into, buffer)
-    best = max(0.0 if not line.required.any() else -np.inf, float(np.max(into + first.ends)))
-    beyond = first.ends.copy()
-    counts = np.zeros(n, dtype=np.int64)
-    targets: list[NDArray[np.int32]] = []
-    gains: list[NDArray[np.float32]] = []
-    left = most
-    for begin in range((n - 1) // BATCH * BATCH, -1, -BATCH):
-        paths.stop_in_time(first.run)
-        first.run.progress(f"arcs worth it before camera {begin} of {n}", None)
-        end = min(begin + BATCH, n)
-        _look_back(*seen, price, need, begin, end, into, beyond, buffer)
-        row, column = np.nonzero(buffer[: end - begin] > -np.inf)
-        left -= len(row)
-        if left < 0:
-            return Opened(best, into, None, np.empty(0, dtype=np.float32))
-        counts[begin:end] = np.bincount(row, minlength=end - begin)
-        targets.append(column.astype(np.int32))
-        gains.append(buffer[row, column])
-    out_of = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
-    arcs = ArcsOut(out_of, np.concatenate(targets[::-1]))
-    return Opened(best, into, arcs, np.concatenate(gains[::-1]))
+            first.run.progress(f"arcs worth it, before camera {begin} of {n}", None)
+            end = min(begin + BATCH, n)
+            _look_back(*self._seen, price, need, begin, end, into, beyond, self._buffer)
+            row, column = np.nonzero(self._buffer[: end - begin] > -np.inf)
+            most -= len(row)
+            if most < 0:
+                return None
+            counts[begin:end] = np.bincount(row, minlength=end - begin)
+            targets.append(column.astype(np.int32))
+            gains.append(self._buffer[row, column])
+        out_of = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+        return ArcsOut(out_of, np.concatenate(targets[::-1])), np.concatenate(gains[::-1])
 
 
 def _places_of_meetings(cameras: Cameras) -> IntArray:
@@ -118,13 +126,13 @@ def _places_of_meetings(cameras: Cameras) -> IntArray:
 
 
 @njit(cache=True, parallel=True)
-def _fill_gains(process, cameras, rows, whole, alone, weight, arcs, begin, end, found):  # type: ignore[no-untyped-def]
+def _fill_gains(process, cameras, rows, alone, extra, weight, arcs, begin, end, found):  # type: ignore[no-untyped-def]
     for a in prange(begin, end):
-        _fill_row(a, process, cameras, rows, whole, alone, weight, arcs, found)
+        _fill_row(a, process, cameras, rows, alone, extra, weight, arcs, found)
 
 
 @njit(cache=True)
-def _fill_row(a, process, cameras, rows, whole, alone, weight, arcs, found):  # type: ignore[no-untyped-def]
+def _fill_row(a, process, cameras, rows, alone, extra, weight, arcs, found):  # type: ignore[no-untyped-def]
     begin, end = arcs.out_of[a], arcs.out_of[a + 1]
     if begin == end:
         return
@@ -132,7 +140,7 @@ def _fill_row(a, process, cameras, rows, whole, alone, weight, arcs, found):  # 
     wanted, gains = np.zeros(stop, np.bool_), np.empty(stop)
     for e in range(begin, end):
         wanted[arcs.target[e]] = True
-    gains_given(a, process, cameras, rows, whole, alone, wanted, stop, gains)
+    gains_given(a, process, cameras, rows, alone, extra, wanted, stop, gains)
     for e in range(begin, end):
         b = arcs.target[e]
         if cameras.last[b] >= 0:
@@ -140,8 +148,11 @@ def _fill_row(a, process, cameras, rows, whole, alone, weight, arcs, found):  # 
 
 
 @njit(cache=True)
-def _go_on(process, cameras, view, price, begin, end, step, into, buffer):  # type: ignore[no-untyped-def]
-    """Better `into` (n,) by paths on from every `step`-th camera of begin … end − 1."""
+def _go_on(process, cameras, view, price, begin, end, step, into, before, buffer):  # type: ignore[no-untyped-def]
+    """Better `into` (n,) by paths on from every `step`-th camera of begin … end − 1.
+
+    `before` (n,) is the camera that the best path comes from, −1 for none.
+    """
     n = into.size
     wanted, gains = np.zeros(end, np.bool_), np.empty(end)
     row = np.empty(end, np.float32)
@@ -151,12 +162,23 @@ def _go_on(process, cameras, view, price, begin, end, step, into, buffer):  # ty
             now = into[a] - price
             _ask(a, a + 1, end, process, cameras, view, now, bar, 0.0, wanted, gains, row)
             for b in range(a + 1, end):
-                into[b] = max(into[b], now + row[b])
+                if now + row[b] > into[b]:
+                    into[b], before[b] = now + row[b], a
     _ask_all(begin, end, step, process, cameras, view, price, into, -into, 0.0, buffer)
     for a in range(begin, end, step):
         row = buffer[(a - begin) // step]
         for b in range(end, n):
-            into[b] = max(into[b], into[a] - price + row[b])
+            if into[a] - price + row[b] > into[b]:
+                into[b], before[b] = into[a] - price + row[b], a
+
+
+@njit(cache=True)
+def _count(before):  # type: ignore[no-untyped-def]
+    cameras = np.ones(before.size, np.int64)
+    for b in range(before.size):
+        if before[b] >= 0:
+            cameras[b] = cameras[before[b]] + 1
+    return cameras
 
 
 @njit(cache=True)
@@ -203,9 +225,9 @@ def _ask(a, low, high, process, cameras, view, now, more, need, wanted, gains, r
     meeting = view.met[view.met_at[a] : view.met_at[a + 1]]  # of a + 1 and those behind it
     for b in range(low, high):
         row[b] = -np.inf
-        if now + (view.weight * view.alone[b] * MORE + 1e-8) + more[b] >= need and may_follow(
-            view.group, view.stop, a, b
-        ):
+        if now + (view.weight * (view.alone[b] + view.extra[b]) * MORE + 1e-8) + more[
+            b
+        ] >= need and may_follow(view.group, view.stop, a, b):
             place = b - a - 1
             if place < meeting.size and meeting[place] == meeting[place]:
                 row[b] = meeting[place]
@@ -213,7 +235,7 @@ def _ask(a, low, high, process, cameras, view, now, more, need, wanted, gains, r
                 wanted[b] = some = True
     if not some:
         return
-    gains_given(a, process, cameras, view.rows, view.whole, view.alone, wanted, high, gains)
+    gains_given(a, process, cameras, view.rows, view.alone, view.extra, wanted, high, gains)
     for b in range(low, high):
         if wanted[b]:
             row[b] = rounded_up(view.weight * gains[b]) if cameras.last[b] >= 0 else np.float32(0.0)

@@ -69,7 +69,7 @@ class Sieve:
                 break
             paths.stop_in_time(run)
             fill_losses(
-                d.process, d.narrow, d.rows, d.whole, line.group, d.weight, order.gain, near,
+                d.process, d.narrow, d.rows, line.group, d.weight, order.gain, near,
                 features, meeting, known, np.arange(begin, min(begin + NODES, n)), self.told,
                 self.losses,
             )  # fmt: skip

@@ -252,7 +252,7 @@ def tell_ahead(j, e, k, features, near, root, start, b, given, told):  # type: i
 
 
 @njit(cache=True)
-def tell_beyond(j, process, cameras, rows, whole, near, root, told):  # type: ignore[no-untyped-def]
+def tell_beyond(j, process, cameras, rows, near, root, told):  # type: ignore[no-untyped-def]
     """Fill K of the cameras beyond all that j and its near ones see; `root` is R at `beyond`.
 
     With M = N Nᵀ what k tells of the state at its first sample, Φ that sample's transition and P
@@ -275,7 +275,7 @@ def tell_beyond(j, process, cameras, rows, whole, near, root, told):  # type: ig
         carry_columns(process.f[t], moved[t - beyond])
     for e in range(near.out_of[j], near.out_of[j + 1]):
         k = near.target[e]
-        if near.ahead[e] or cameras.last[k] < 0 or not whole[k]:
+        if near.ahead[e] or cameras.last[k] < 0:
             continue
         root_of_psd(rows[k], n)
         t = cameras.first[k]

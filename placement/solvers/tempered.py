@@ -43,6 +43,7 @@ from placement.tempered.shares import better_share
 # Shares tried on a thinned line, to choose that of the first pass over all candidates.
 SHARES = (1.0, 0.95, 0.9, 0.8, 0.7, 0.6, 0.5, 0.35)
 THINNED = 600  # candidates of a thinned line
+THINNED_LONG = 2500  # of one without room for all pairs: the fewer, the nearer to 1 the best share
 FIRST_ORDER_PASSES = 5
 SECOND_ORDER_PASSES = 8
 LONG_S = 5.0  # a line whose first-order pass takes longer goes through sieves at once
@@ -114,12 +115,13 @@ class Proof(Incumbent):
             seconds * line.candidate.size**2 > LONG_S or not room_for_pairs(line.candidate.size)
         ):
             # what suits the second order is nearer to 1
-            line = self._sieve(line, share + (1.0 - share) * (0.5 if self.white else 0.75))
+            line = self._sieve(line, share + (1.0 - share) * (0.5 if self.white else 0.75), share)
         if not self._sieved and room_for_pairs(line.candidate.size):
             line = self._first_order(line, share, seconds)
             if self.closed() or self.problem.constraints.budget < 2:
                 return True
-            line = self._sieve(line, float(self.stats["share"]))
+            share = float(self.stats["share"])
+            line = self._sieve(line, share, share)
         if self.closed():
             return True
         if not room_for_pairs(line.candidate.size):
@@ -242,8 +244,11 @@ class Proof(Incumbent):
 
         return better_share(share, bound, evaluate, may_go_on), line
 
-    def _sieve(self, line: Line, share: float) -> Line:
-        """Thin out a line with more pairs of arcs than the second order has room for."""
+    def _sieve(self, line: Line, share: float, least_share: float) -> Line:
+        """Thin out a line with more pairs of arcs than the second order has room for.
+
+        From `share` on, or from `least_share` where that leaves too many.
+        """
         self.stats["share"] = share
         if not self._sieves or self.problem.constraints.budget < 2:
             return line
@@ -260,6 +265,7 @@ class Proof(Incumbent):
         line, self.stats["share"], sieves = sift(
             line,
             share,
+            least_share,
             self._tempered,
             lambda: self.score,
             report,
@@ -351,7 +357,8 @@ class Proof(Incumbent):
 
     def _best_share(self, line: Line, shares: tuple[float, ...]) -> tuple[float, float]:
         """Return the share that bounds a thinned line best, and seconds per pair of candidates."""
-        step = max(1, -(-line.candidate.size // THINNED))
+        thinned = THINNED if room_for_pairs(line.candidate.size) else THINNED_LONG
+        step = max(1, -(-line.candidate.size // thinned))
         keep = np.arange(line.candidate.size)
         thin = line.subset(keep[(keep % step == 0) | line.required])
         took, best = np.inf, (np.inf, shares[0])

@@ -41,10 +41,10 @@ from placement.objectives.navigation_chain import Drive
 from placement.problem import Run
 from placement.tempered import paths
 from placement.tempered.background import Background, constant_of, process_of
-from placement.tempered.crossings import ROW, alone, cross_each
 from placement.tempered.gains import add_pair_gains, add_triple_gains, fill_pair_gains
 from placement.tempered.line import Line, arcs_out
-from placement.tempered.process import Cameras, Process, cameras_of, larger_pieces
+from placement.tempered.pieces import extra_of, own_stretch, pieces_of
+from placement.tempered.process import Cameras, Process, cameras_of
 
 ROWS = 128  # of gains between two looks at the clock
 TRIPLES = 500_000  # the same
@@ -56,15 +56,17 @@ TRIPLE_SHARE = 0.15  # of the time left that those may take
 class OnDrive(NamedTuple):
     """One drive of a tempered bound: its weight, the chain, and what the line's cameras see.
 
-    `narrow` are the cameras that others are conditioned on, `whole` (n,) those that keep all they
-    see there; `rows` and `all_rows` (n, ROW) are the cameras' own stretches, of the narrow and all.
+    `narrow` are the cameras that others are conditioned on, with one piece of what some see
+    (`placement.tempered.pieces`); `rows` and `all_rows` (n, ROW) are the cameras' own stretches, of
+    the narrow and all, `piece` and `alone` (n,) their gains given nobody, `extra` (n,) the rest.
     """
 
     weight: float
     process: Process
     narrow: Cameras
     rows: FloatArray
-    whole: BoolArray
+    piece: FloatArray
+    extra: FloatArray
     cameras: Cameras
     all_rows: FloatArray
     alone: FloatArray
@@ -109,7 +111,7 @@ class Tempered:
                 for begin in range(0, n, ROWS):
                     paths.stop_in_time(self.run)
                     add_pair_gains(
-                        d.process, d.narrow, d.rows, d.whole, d.alone, alive, d.weight,
+                        d.process, d.narrow, d.rows, d.piece, d.extra, alive, d.weight,
                         begin, min(begin + ROWS, n), pairs,
                     )  # fmt: skip
             self._pairs = pairs
@@ -209,8 +211,8 @@ class SecondOrder:
                     d.process,
                     d.narrow,
                     d.rows,
-                    d.whole,
-                    d.alone,
+                    d.piece,
+                    d.extra,
                     self.exact,
                     d.weight,
                     arcs.into,
@@ -285,14 +287,11 @@ def on_drive(drive: Drive, candidates: IntArray, base: Background, theta: float)
     process = process_of(drive, base, theta)
     over = replace(drive, information=restricted_information(drive.information, candidates))
     cameras = cameras_of(over, theta)
-    all_rows, by_itself = np.empty((candidates.size, ROW)), np.zeros(candidates.size)
-    cross_each(process, cameras, all_rows)
-    alone(process, cameras, all_rows, by_itself)
-    cut, whole = larger_pieces(over)
-    narrow, rows = cameras, all_rows
+    all_rows, by_itself = own_stretch(process, cameras)
+    cut, whole = pieces_of(over)
+    narrow, rows, piece = cameras, all_rows, by_itself
     if not whole.all():
-        narrow, rows = cameras_of(cut, theta), np.empty_like(all_rows)
-        cross_each(process, narrow, rows)
-    return OnDrive(
-        drive.weight, process, narrow, rows, whole, cameras, all_rows, np.maximum(by_itself, 0.0)
-    )
+        narrow = cameras_of(cut, theta)
+        rows, piece = own_stretch(process, narrow)
+    extra = extra_of(by_itself, piece, whole)
+    return OnDrive(drive.weight, process, narrow, rows, piece, extra, cameras, all_rows, by_itself)

@@ -28,13 +28,8 @@ from numba import njit
 from models.geometry import FloatArray, IntArray
 from placement.objectives.navigation_chain import Drive
 from placement.objectives.windows.filter import put6
-from placement.tempered.process import (
-    LONGEST,
-    Process,
-    larger_pieces,
-    restricted_entries,
-    step_on,
-)
+from placement.tempered.pieces import LONGEST, pieces_of, restricted_entries
+from placement.tempered.process import Process, step_on
 
 LEAST_BLOCK = 32  # samples
 SINGULAR = 1e-12  # of a step's noise, in units of its own: less than that is none
@@ -77,7 +72,7 @@ def chain_of(drive: Drive, x: FloatArray) -> Chain | None:
     begin = _whole(drive.initial_covariance()[None])[0]
     begin = begin + LEAST_START * np.diag(np.diagonal(_whole(drive.steps()[1:2, 4:])[0]))
     begin = np.linalg.inv(begin)
-    narrow = _cut_short(larger_pieces(drive)[0])
+    narrow = _cut_short(pieces_of(drive)[0])
     f, information = np.zeros_like(odometry.f), np.zeros_like(odometry.information)
     try:
         cov, link = _neighbours(odometry._replace(start=begin), narrow, x)

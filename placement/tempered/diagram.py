@@ -82,7 +82,7 @@ class Diagram:
             for begin in range(0, line.candidate.size, NODES):
                 paths.stop_in_time(first.run)
                 pass_labels(
-                    d.process, d.narrow, d.rows, d.whole, d.alone, d.weight,
+                    d.process, d.narrow, d.rows, d.piece, d.extra, d.weight,
                     len(first.drives) == 1, number == 0, first.pairs, layout, early_at, hope,
                     np.arange(begin, min(begin + NODES, line.candidate.size)), found, self.gains,
                 )  # fmt: skip

@@ -33,22 +33,22 @@ def rounded_up(gain):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def add_pair_gains(process, cameras, rows, whole, alone, alive, weight, begin, end, pairs):  # type: ignore[no-untyped-def]
+def add_pair_gains(process, cameras, rows, alone, extra, alive, weight, begin, end, pairs):  # type: ignore[no-untyped-def]
     """Add `weight` times the gains given each a in begin … end − 1 to row a of `pairs` (n, n).
 
-    `rows` (n, ROW) are each camera's own stretch and `alone` (n,) its gain given nobody. Cameras
-    that are not `whole` (n,) lack a piece of what they see: conditioning on less is valid, but they
-    themselves gain `alone`, of the whole. Pairs not `alive` are −∞.
+    `rows` (n, ROW) are each camera's own stretch and `alone` (n,) its gain given nobody. Where they
+    lack a piece of what a camera sees, `extra` (n,) is the most that this adds. Pairs not `alive`
+    are −∞.
     """
     for a in prange(begin, end):
-        _pair_gains_of(a, process, cameras, rows, whole, alone, alive, weight, pairs)
+        _pair_gains_of(a, process, cameras, rows, alone, extra, alive, weight, pairs)
 
 
 @njit(cache=True)
-def _pair_gains_of(a, process, cameras, rows, whole, alone, alive, weight, pairs):  # type: ignore[no-untyped-def]
+def _pair_gains_of(a, process, cameras, rows, alone, extra, alive, weight, pairs):  # type: ignore[no-untyped-def]
     n = alone.size
     gains = np.empty(n)
-    gains_given(a, process, cameras, rows, whole, alone, alive[a], n, gains)
+    gains_given(a, process, cameras, rows, alone, extra, alive[a], n, gains)
     for b in range(a + 1, n):
         if not alive[a, b]:
             pairs[a, b] = -np.inf
@@ -57,10 +57,10 @@ def _pair_gains_of(a, process, cameras, rows, whole, alone, alive, weight, pairs
 
 
 @njit(cache=True)
-def gains_given(a, process, cameras, rows, whole, alone, wanted, stop, gains):  # type: ignore[no-untyped-def]
+def gains_given(a, process, cameras, rows, alone, extra, wanted, stop, gains):  # type: ignore[no-untyped-def]
     """Fill `gains` (n,) with the gains given camera a of those b in a + 1 … stop − 1 `wanted` (n,).
 
-    0 for the blind; `rows`, `whole` and `alone` as in `add_pair_gains`.
+    0 for the blind; `rows`, `alone` and `extra` as in `add_pair_gains`.
     """
     first, last = cameras.first, cameras.last
     farthest = -1
@@ -84,7 +84,7 @@ def gains_given(a, process, cameras, rows, whole, alone, wanted, stop, gains):  
         if last[b] < 0:
             gains[b] = 0.0
             continue
-        if last[a] < 0 or not whole[b]:
+        if last[a] < 0:
             gain = alone[b]
         elif first[b] > last[a]:
             gain = worth(row6(ahead, first[b]), rows[b])
@@ -93,7 +93,7 @@ def gains_given(a, process, cameras, rows, whole, alone, wanted, stop, gains):  
             s = min(first[a], first[b])
             cross(process, cameras, both, s, max(last[a], last[b]), space, row)
             gain = min(worth(prior_at(process, s), row) - given, alone[b])
-        gains[b] = max(gain, 0.0)
+        gains[b] = max(gain, 0.0) + extra[b]
 
 
 @njit(cache=True, parallel=True)
@@ -101,8 +101,8 @@ def add_triple_gains(  # type: ignore[no-untyped-def]
     process,
     cameras,
     rows,
-    whole,
     alone,
+    extra,
     exact,
     weight,
     into,
@@ -120,19 +120,19 @@ def add_triple_gains(  # type: ignore[no-untyped-def]
     `out[triple[a]:triple[a + 1]]`, in the order of its target's arcs out. Those that are −∞ stay.
 
     Where h and the pair j, k see the same stretch, the gain is given j and what h saw before that
-    stretch, unless `exact`; less to be conditioned on is valid. `rows`, `whole`, `alone`: as for
+    stretch, unless `exact`; less to be conditioned on is valid. `rows`, `alone`, `extra`: as for
     pairs.
     """
     for place in prange(nodes.size):
         _triple_gains_of(
-            nodes[place], process, cameras, rows, whole, alone, exact, weight,
+            nodes[place], process, cameras, rows, alone, extra, exact, weight,
             into, source, out_of, target, triple, out,
         )  # fmt: skip
 
 
 @njit(cache=True)
 def _triple_gains_of(  # type: ignore[no-untyped-def]
-    j, process, cameras, rows, whole, alone, exact, weight,
+    j, process, cameras, rows, alone, extra, exact, weight,
     into, source, out_of, target, triple, out,
 ):  # fmt: skip
     # apart from the parallel loop, whose body takes numba twice as long
@@ -151,7 +151,7 @@ def _triple_gains_of(  # type: ignore[no-untyped-def]
     farthest = 0
     for m in range(begin, end):
         k = target[m]
-        if last[k] < 0 or not whole[k]:
+        if last[k] < 0:
             continue
         farthest = max(farthest, first[k])
         if last[j] >= 0 and first[k] <= last[j]:
@@ -200,7 +200,7 @@ def _triple_gains_of(  # type: ignore[no-untyped-def]
             at = triple[a] + m - begin
             if last[k] < 0 or out[at] == -np.inf:
                 continue
-            if not whole[k] or behind < 0:
+            if behind < 0:
                 gain = alone[k]
             elif first[k] > behind:
                 gain = worth(row6(ahead, first[k]), rows[k])
@@ -234,7 +234,8 @@ def _triple_gains_of(  # type: ignore[no-untyped-def]
                         p_k = carry(process, after(p_j, rows[j]), last[j], first[k])
                         gain = worth(p_k, rows[k])
                 gain = min(gain, alone[k])
-            out[at] = rounded_up(np.float64(out[at]) + weight * max(gain, 0.0))
+            gain = max(gain, 0.0) + extra[k]
+            out[at] = rounded_up(np.float64(out[at]) + weight * gain)
 
 
 @njit(cache=True)

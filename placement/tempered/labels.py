@@ -90,8 +90,8 @@ def pass_labels(  # type: ignore[no-untyped-def]
     process,
     cameras,
     rows,
-    whole,
     alone,
+    extra,
     weight,
     single,
     fresh,
@@ -107,8 +107,8 @@ def pass_labels(  # type: ignore[no-untyped-def]
 
     The labels of j are the rows `layout.state_of[j]` … of `labels.entry` and `labels.early` (s, 6),
     at j's first sample and at `early_at[j]`, the first of any that may follow; the first of them
-    stands for the path that begins with j. Gains are no more than `pairs` (n, n). `rows`, `whole`,
-    `alone`: as for pairs. `layout.leads` is filled on the first drive (`fresh`).
+    stands for the path that begins with j. Gains are no more than `pairs` (n, n). `rows`, `alone`,
+    `extra`: as for pairs. `layout.leads` is filled on the first drive (`fresh`).
 
     `labels.so_far` (s,) is the best of any path into a label, each camera at a price: an arc on
     from it is left out, at −∞, where even with the best `hope.beyond` it falls short of
@@ -139,7 +139,7 @@ def pass_labels(  # type: ignore[no-untyped-def]
             _run_labels(j, process, cameras, labels, low, n_labels, farthest, by)
         for m in range(begin, end):
             _gains_of_arc(
-                j, m, process, cameras, rows, whole, alone, weight, single, fresh, pairs, layout,
+                j, m, process, cameras, rows, alone, extra, weight, single, fresh, pairs, layout,
                 early_at, hope, labels, by, scratch, gains,
             )  # fmt: skip
 
@@ -160,7 +160,7 @@ def _run_labels(j, process, cameras, labels, low, n_labels, farthest, by):  # ty
 
 @njit(cache=True)
 def _gains_of_arc(  # type: ignore[no-untyped-def]
-    j, e, process, cameras, rows, whole, alone, weight, single, fresh, pairs, layout,
+    j, e, process, cameras, rows, alone, extra, weight, single, fresh, pairs, layout,
     early_at, hope, labels, by, scratch, gains,
 ):  # fmt: skip
     k = layout.target[e]
@@ -168,7 +168,7 @@ def _gains_of_arc(  # type: ignore[no-untyped-def]
     first_j, last_j, first_k, last_k = (
         cameras.first[j], cameras.last[j], cameras.first[k], cameras.last[k],
     )  # fmt: skip
-    meets = last_j >= 0 and last_k >= 0 and whole[k] and first_k <= last_j
+    meets = last_j >= 0 and last_k >= 0 and first_k <= last_j
     s = min(first_j, first_k)
     row, mm, vv = scratch
     crossed = False
@@ -192,7 +192,7 @@ def _gains_of_arc(  # type: ignore[no-untyped-def]
             at_k = at_0 = car_at(process, first_k, by[c], first_j, last_j, e_0, e_j, early_at[j])
             if early_at[k] < first_k:
                 at_0 = car_at(process, early_at[k], by[c], first_j, last_j, e_0, e_j, early_at[j])
-            if whole[k] and meets:
+            if meets:
                 if not crossed:
                     two = np.array([j, k])
                     space = work_space(2, cameras.offsets.shape[2])
@@ -201,11 +201,10 @@ def _gains_of_arc(  # type: ignore[no-untyped-def]
                 p_j = e_j if s == first_j else at_k
                 gain = worth(p_j, row) - worth(carry(process, p_j, s, first_j), rows[j])
                 gain = min(gain, alone[k])
-            elif whole[k]:
+            else:
                 gain = min(worth(at_k, rows[k]), alone[k])
-        if last_k < 0:
-            gain = 0.0
-        total = min(rounded_up(np.float64(gains[at]) + weight * max(gain, 0.0)), pairs[j, k])
+        gain = max(gain, 0.0) + extra[k] if last_k >= 0 else 0.0
+        total = min(rounded_up(np.float64(gains[at]) + weight * gain), pairs[j, k])
         so_far += np.float64(total) if single else np.float64(pairs[j, k])
         if so_far < least:
             gains[at] = -np.inf

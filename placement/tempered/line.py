@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from models.geometry import BoolArray, FloatArray, IntArray
 from placement.constraints import Constraints
 from placement.objectives.entropy import Entropy
+from placement.tempered.pieces import pieces_of
 
 
 class ArcsOut(NamedTuple):
@@ -118,8 +119,8 @@ class Line:
 
 
 def make_line(objective: Entropy, constraints: Constraints, candidates: IntArray) -> Line:
-    """Order `candidates` by the middle sample that they see on the first drive."""
-    info = objective.drives[0].information
+    """Order `candidates` by the middle sample that they see on the first drive, in one piece."""
+    info = pieces_of(objective.drives[0])[0].information
     first, stop = info.indptr[candidates], info.indptr[candidates + 1]
     middle = np.zeros(candidates.size)
     seeing = stop > first

@@ -12,22 +12,16 @@ and nothing needs to remember the background but its steps.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from models.geometry import BoolArray, FloatArray, IntArray
-from placement.information import Information
+from models.geometry import FloatArray, IntArray
 from placement.objectives.navigation_chain import Drive
 from placement.objectives.windows.filter import parallel, pull_back, put6, row6
 from placement.objectives.windows.offsets import Views, offset_shares
-
-# A window with a gap in it (a lap's first and last metres) keeps its offsets in the state all the
-# way across. Beyond this many samples others are conditioned on its larger piece only.
-LONGEST = 200
 
 
 class Process(NamedTuple):
@@ -84,42 +78,6 @@ def cameras_of(drive: Drive, share: float) -> Cameras:
     first[seeing] = indices[indptr[:-1][seeing]]
     last[seeing] = indices[indptr[1:][seeing] - 1]
     return Cameras(*views, share, own, first, last)
-
-
-def larger_pieces(drive: Drive, longest: int = LONGEST) -> tuple[Drive, BoolArray]:
-    """Cut windows that span more than `longest` samples at their gap; keep the larger piece.
-
-    Return the drive and which cameras (c,) keep all they see. A piece knows no more than the whole.
-    """
-    info = drive.information
-    kept = np.ones(len(info.indices), dtype=np.bool_)
-    whole = np.ones(info.n_candidates, dtype=np.bool_)
-    for i in range(info.n_candidates):
-        begin, end = int(info.indptr[i]), int(info.indptr[i + 1])
-        seen = info.indices[begin:end].astype(np.int64)
-        if end - begin < 2 or seen[-1] - seen[0] < longest:
-            continue
-        at = begin + 1 + int(np.argmax(np.diff(seen)))
-        whole[i] = False
-        if at - begin >= end - at:
-            kept[at:end] = False
-        else:
-            kept[begin:at] = False
-    if whole.all():
-        return drive, whole
-    return replace(drive, information=restricted_entries(info, kept)), whole
-
-
-def restricted_entries(info: Information, kept: BoolArray) -> Information:
-    """Return the information in the entries `kept` (nnz,) alone."""
-    return replace(
-        info,
-        indptr=np.concatenate([[0], np.cumsum(kept)])[info.indptr].astype(np.int64),
-        indices=info.indices[kept],
-        blocks=info.blocks[kept],
-        white=None if info.white is None else info.white[kept],
-        offsets=None if info.offsets is None else info.offsets[kept],
-    )
 
 
 @njit(cache=True)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from benchmarks.synthetic_drives import random_drive
 from models.geometry import BoolArray, FloatArray
@@ -13,14 +15,15 @@ from placement.constraints import Constraints
 from placement.objectives.entropy import Entropy
 from placement.problem import Problem
 from placement.sieve import first as first_module
-from placement.sieve import opening
-from placement.sieve.first import FirstOrder
-from placement.sieve.opening import gains_along, open_up
+from placement.sieve import opening, passes
+from placement.sieve.first import FirstOrder, into_each
+from placement.sieve.opening import Opening, gains_along
+from placement.sieve.sieve import Sieve
 from placement.solve import solve
 from placement.solvers import tempered
 from placement.tempered.background import background_of, chains_of
 from placement.tempered.bound import Tempered
-from placement.tempered.line import make_line
+from placement.tempered.line import ArcsOut, Line, make_line
 from placement.tempered.paths import OutOfTimeError
 from tests.placement.sieve.test_sieve import hold_sieves_against_brute_force
 from tests.placement.tempered.test_bound import new_run
@@ -60,6 +63,14 @@ def by_table(
     return into, beyond, into[:, None] + first.pairs - price + beyond[None, :] >= need
 
 
+def opened(
+    first: Tempered, into: FloatArray, price: float, need: float
+) -> tuple[ArcsOut, NDArray[np.float32]]:
+    found = Opening(first).arcs_worth(into, price, need, N * N)
+    assert found is not None
+    return found
+
+
 @pytest.mark.parametrize("room", [True, False])
 @pytest.mark.parametrize("seed", range(10))
 def test_arcs_worth_it_are_those_of_a_table_of_all_pairs(
@@ -70,26 +81,30 @@ def test_arcs_worth_it_are_those_of_a_table_of_all_pairs(
     first = tempered_over(seed)
     rough = FirstOrder(first, -np.inf)
     best = rough.least - first.budget * rough.price
+    all_gains = gains_along(first, first.line.laid_out)
     for price, short in ((rough.price, 0.2), (0.7 * rough.price, 1.0), (rough.price, np.inf)):
         into, _, _ = by_table(first, price, 0.0)
         need = max(float(np.max(into + first.ends)), best) - short
         into, _, worth = by_table(first, price, need)
         worth &= first.line.alive
-        found = open_up(first, price, need, N * N)
-        assert found.arcs is not None
-        assert found.into == pytest.approx(into, abs=1e-12)
-        assert found.best == pytest.approx(max(np.max(into + first.ends), 0.0), abs=1e-12)
+        found, cameras = Opening(first).into_each(price)
+        assert found == pytest.approx(into, abs=1e-12)
+        arcs, gain = opened(first, found, price, need)
         got = np.zeros_like(worth)
-        got[found.arcs.source, found.arcs.target] = True
+        got[arcs.source, arcs.target] = True
         assert np.array_equal(got, worth)
         assert 0 < worth.sum() <= first.line.n_arcs
-        assert np.array_equal(found.gain, first.pairs[found.arcs.source, found.arcs.target])
-        assert np.array_equal(gains_along(first, found.arcs), found.gain)
+        assert np.array_equal(gain, first.pairs[arcs.source, arcs.target])
+        assert np.array_equal(gains_along(first, arcs), gain)
+        assert np.array_equal(
+            cameras, into_each(first.line.laid_out, all_gains, first.alone, price)[1]
+        )
 
 
 def test_too_many_arcs_are_none_and_leave_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     first = tempered_over(1)
-    assert open_up(first, 0.1, -np.inf, 10).arcs is None
+    lane = Opening(first)
+    assert lane.arcs_worth(lane.into_each(0.1)[0], 0.1, -np.inf, 10) is None
     monkeypatch.setattr(first_module, "MANY", 10)
     monkeypatch.setattr(first_module, "THINNED", 20)
     found = FirstOrder(first, -np.inf, most=10)
@@ -154,8 +169,60 @@ def test_a_line_too_long_for_a_table_is_proven_by_sieves(
     assert any("sieved" in stage for stage in long.stats["bounds"])
 
 
+def test_what_is_too_much_at_one_share_is_tried_at_a_smaller(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(first_module, "MANY", 10)
+    monkeypatch.setattr(first_module, "THINNED", 20)
+    first = tempered_over(2)
+    best = max(first.bound() * 0.9, 0.0)
+
+    def tempered_at(line: Line, share: float) -> Tempered:
+        return replace(first, line=line, theta=share)
+
+    def arcs_at(share: float) -> int:
+        return FirstOrder(tempered_at(first.line, share), best).arcs
+
+    low, high = 0.9, 1.0
+    assert arcs_at(low) < arcs_at(high)
+    most = arcs_at(high) - 1
+    monkeypatch.setattr(passes, "most_arcs", lambda: most)
+    room_for = passes.room_for
+    monkeypatch.setattr(
+        passes, "room_for", lambda arcs, *more: arcs <= most and room_for(arcs, *more)
+    )
+    seen: list[tuple[str, float]] = []
+
+    def report(found: FirstOrder | Sieve, share: float) -> bool:
+        seen.append((type(found).__name__, share))
+        return isinstance(found, Sieve)
+
+    def never(_line: Line) -> bool:
+        return False
+
+    given = first.line, high, low, tempered_at, lambda: best, report, never
+    line, share, sieves = passes.sift(*given, first.run)
+    assert seen == [("FirstOrder", high), ("FirstOrder", low), ("Sieve", low)]
+    assert (share, sieves) == (low, 1)
+    assert line.arcs is not None
+
+
+def test_memory_is_a_part_of_the_machines(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "sysconf", lambda name: {"SC_PHYS_PAGES": 1000}.get(name, 4096))
+    assert passes.most_bytes() == pytest.approx(0.3 * 4096e3)
+    assert passes.most_arcs() == int(0.3 * 4096e3 / passes.ARC_BYTES)
+
+    def unknown(name: str) -> int:
+        raise ValueError(name)
+
+    monkeypatch.setattr(os, "sysconf", unknown)
+    assert passes.most_bytes() == passes.MOST_BYTES
+
+
 def test_an_opening_out_of_time_stops() -> None:
     first = tempered_over(0)
     first.run.deadline = 0.0
     with pytest.raises(OutOfTimeError):
-        open_up(first, 0.1, 0.0, N * N)
+        Opening(first).into_each(0.1)
+    with pytest.raises(OutOfTimeError):
+        Opening(first).arcs_worth(first.alone, 0.1, 0.0, N * N)

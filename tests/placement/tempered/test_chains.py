@@ -21,7 +21,7 @@ from placement.tempered.bound import Tempered
 from placement.tempered.chains import Chain, chain_of, mixed
 from placement.tempered.chains import constant_of as constant_of_drive
 from placement.tempered.line import make_line
-from placement.tempered.process import larger_pieces
+from placement.tempered.pieces import pieces_of
 from tests.placement.tempered.test_bound import best_placement, new_run, small_problem
 from tests.placement.tempered.test_persistent import Dense
 
@@ -62,7 +62,7 @@ def test_neighbours_have_the_covariance_that_they_have_in_truth(
     x = np.random.default_rng(5).uniform(0.0, 0.8, 7)
     chain = chain_of(drive, x)
     assert chain is not None
-    narrow, whole = larger_pieces(drive)
+    narrow, whole = pieces_of(drive)
     assert whole.all() == (not wrap or samples < 200)
     dense = DenseDrive(narrow)
     n = len(dense.prior)
