@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from placement.assemble import assemble
-from placement.instance import instance_from_dict, load_instance
+from placement.instance import instance_from_dict, load_instance, shipped_instances
 from placement.solution import Solution
 from placement.solve import solve
 
@@ -70,10 +70,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def road_instance(road: str, tracks: Path) -> Any:
-    """Return `winding`, or its cameras and errors along a circuit; None if that has no file."""
+    """Return a shipped instance, or `winding`'s along a circuit; None if that has no file."""
+    if road in shipped_instances():
+        return load_instance(road)
     instance = load_instance("winding")
-    if road == "winding":
-        return instance
     file = tracks / f"{road}.csv"
     if not file.exists():
         return None

@@ -1,7 +1,8 @@
-"""Measure proofs of `entropy` on `winding`: `python -m benchmarks.entropy_bounds [options]`.
+"""Measure proofs of `entropy`, on `winding`: `python -m benchmarks.entropy_bounds [options]`.
 
 One row for each odometry profile and budget: value, bound, gap, seconds, and which bound won, with
-the gap of each stage beside it. Failures stay in the table.
+the gap of each stage beside it. Failures stay in the table. `--roads` measures other shipped
+instances, or the cameras and errors of `winding` along circuits.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.chain_bounds import TRACKS, road_instance
 from models.vehicle import PROFILES
 from placement.assemble import Scene, assemble
 from placement.instance import load_instance
@@ -27,6 +29,7 @@ from placement.solve import solve
 
 BUDGETS = (5, 10, 20, 40, 80)
 COLUMNS = ("profile", "k", "value", "bound", "gap, %", "status", "s", "bound from")
+WHERE = ("road", "poses")
 STAGES = ("relaxation", "first order", "second order", "search")
 
 
@@ -40,21 +43,30 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--persistent", action="store_true", help="installation errors that persist"
     )
+    parser.add_argument("--roads", nargs="+", help="instances and circuits, instead of winding")
+    parser.add_argument("--tracks", type=Path, default=TRACKS, help="folder of the circuits' files")
     options = parser.parse_args(arguments)
-    scene = assemble(winding(persistent=options.persistent))
-    head = (*COLUMNS, *(f"{stage}, %" for stage in STAGES))
+    head: tuple[str, ...] = (*COLUMNS, *(f"{stage}, %" for stage in STAGES))
+    head = (*WHERE, *head) if options.roads else head
     sys.stdout.write(f"| {' | '.join(head)} |\n|{' --- |' * len(head)}\n")
     rows = []
-    for profile in options.profiles:
-        for budget in options.budgets:
-            solution = solve(
-                entropy_problem(scene, profile, budget),
-                "auto",
-                time_limit_s=options.seconds,
-            )
-            rows.append(row(profile, budget, solution))
-            sys.stdout.write(f"| {' | '.join(str(rows[-1][name]) for name in head)} |\n")
-            sys.stdout.flush()
+    for road in options.roads or ["winding"]:
+        instance = road_instance(road, options.tracks)
+        if instance is None:
+            sys.stderr.write(f"{road}: no file in {options.tracks.name}, left out\n")
+            continue
+        scene = assemble(persisting(instance) if options.persistent else instance)
+        where = {"road": road, "poses": scene.problem.constraints.n} if options.roads else {}
+        for profile in options.profiles:
+            for budget in options.budgets:
+                solution = solve(
+                    entropy_problem(scene, profile, budget),
+                    "auto",
+                    time_limit_s=options.seconds,
+                )
+                rows.append({**where, **row(profile, budget, solution)})
+                sys.stdout.write(f"| {' | '.join(str(rows[-1][name]) for name in head)} |\n")
+                sys.stdout.flush()
     if options.json is not None:
         options.json.write_text(json.dumps(rows, indent=2) + "\n")
 
@@ -62,8 +74,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def winding(*, persistent: bool) -> Any:
     """Return the instance `winding`, with covariance errors that persist where asked for."""
     instance = load_instance("winding")
-    if not persistent:
-        return instance
+    return persisting(instance) if persistent else instance
+
+
+def persisting(instance: Any) -> Any:
+    """Return an instance with covariance errors that persist."""
     errors = instance.errors.model_copy(update={"model": "covariance", "persistent": True})
     return replace(instance, document=instance.document.model_copy(update={"errors": errors}))
 

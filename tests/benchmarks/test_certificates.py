@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import chain_bounds, embedded_trees
+from benchmarks import chain_bounds, embedded_trees, entropy_bounds
 from benchmarks.certificates_document import DOCUMENT, NAMES, read, table
 from benchmarks.hostile import KINDS, as_problem, hostile_problem
 from placement.constraints import Infeasible
@@ -41,6 +41,20 @@ def test_the_chain_is_measured_where_the_road_is_there(
     (row,) = json.loads(path.read_text())
     assert row["status"] == "optimal"
     assert row["bound"] == pytest.approx(row["value"], rel=1e-5)
+    assert "nowhere: no file" in capsys.readouterr().err
+
+
+def test_entropy_is_measured_on_other_roads(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "rows.json"
+    words = ["--json", str(path), "--roads", "straight-80", "nowhere", "--budgets", "2"]
+    entropy_bounds.main([*words, "--profiles", "car", "--tracks", str(tmp_path)])
+    (row,) = json.loads(path.read_text())
+    assert (row["road"], row["k"], row["status"]) == ("straight-80", 2, "optimal")
+    assert row["poses"] > 2
+    assert row["bound"] == pytest.approx(row["value"], rel=1e-5)
+    assert "wanted" not in table([row])
     assert "nowhere: no file" in capsys.readouterr().err
 
 
