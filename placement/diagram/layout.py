@@ -29,9 +29,13 @@ def lay_moves(
     Raises:
         ValueError: if most views are too long.
     """
-    longest = max(1, math.isqrt(MOST_PENDING // (budget + 1)))
-    moves, beyond = make_moves(drive, usable, longest, budget)
+    moves, beyond = make_moves(drive, usable, longest_view(budget), budget)
     return moves, drive.total(required) + beyond
+
+
+def longest_view(budget: int) -> int:
+    """Return how many samples of a view a move may hold."""
+    return max(1, math.isqrt(MOST_PENDING // (budget + 1)))
 
 
 def road_above(

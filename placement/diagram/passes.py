@@ -9,12 +9,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from models.geometry import BoolArray, FloatArray, IntArray
+from placement.diagram.alone import alone_moves, nobody_alone
 from placement.diagram.arrays import Rules, empty_table
-from placement.diagram.layout import lay_moves, road_above, views_of
+from placement.diagram.layout import lay_moves, longest_view, road_above, views_of
 from placement.diagram.moves import floor_information
 from placement.diagram.single import sweep_once
 from placement.diagram.togo import least_by_cut, merged_table
 from placement.objectives.navigation import WhiteDrive
+from placement.objectives.navigation_chain import Drive
 
 ROUNDING = 1e-8  # relative; what bounds give up for rounding along the sweep
 EPSILON = 1e-4  # the least ratio between labels that are merged
@@ -50,8 +52,11 @@ class Diagram:
         usable: BoolArray,
         required: IntArray,
         budget: int,
+        persistent: Drive | None = None,
     ) -> None:
         """Prepare for at most `budget` of the `usable` (c,) cameras beside the required ones.
+
+        `persistent` is the drive itself where offsets persist; `drive` then knows them.
 
         Of views too long for the memory only the head is a move, and what the cameras see beyond
         is given to every placement: see `diagram.moves`.
@@ -67,6 +72,10 @@ class Diagram:
         floor = drive.total(required) + floor_information(drive, usable, budget)
         self.road = road_above(drive, weight, self.base, floor, reach)
         self.views = views_of(self.moves, drive.n_samples)
+        self.alone = nobody_alone()
+        if persistent is not None:
+            self.alone = alone_moves(persistent, usable, self.base, longest_view(budget))
+        self.candidate = np.concatenate([self.moves.candidate, self.alone.candidate])
         self._forget(np.full(budget + 1, np.inf))
         self.bounds = np.full(budget + 1, float(self.road.floor_cost[-1]))
 
@@ -139,6 +148,7 @@ class Diagram:
             self.drive.p0,
             self.road,
             self.views,
+            self.alone,
             rules,
             table,
             self.cuts,
@@ -152,7 +162,9 @@ class Diagram:
         nodes, roots = swept.nodes, swept.roots
         found = np.full(k + 1, np.nan)
         found[asked] = nodes.togo[roots] * (1.0 - ROUNDING)
-        paths = {int(b): swept.path(int(r), self.moves) for b, r in zip(asked, roots, strict=True)}
+        paths = {
+            int(b): swept.path(int(r), self.candidate) for b, r in zip(asked, roots, strict=True)
+        }
         found = np.minimum(found, thresholds)  # the rest was forgotten
         self.bounds = np.fmax(self.bounds, found)
         self.thresholds = thresholds

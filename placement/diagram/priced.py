@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.geometry import BoolArray, IntArray
+from placement.diagram.alone import nobody_alone
 from placement.diagram.arrays import LOOKS, Rules, empty_table
 from placement.diagram.layout import lay_moves, road_above, views_of
 from placement.diagram.moves import floor_information
@@ -107,6 +108,7 @@ class PricedDiagram:
             self.drive.p0,
             self.road,
             self.views,
+            nobody_alone(),
             rules,
             self.table,
             self.cuts,
@@ -123,5 +125,5 @@ class PricedDiagram:
         if not probing:
             least_by_cut(nodes.lo, nodes.hi, nodes.togo, self.cuts)
         self.table = merged_table(self.table, nodes.lo, nodes.hi, nodes.p, nodes.togo)
-        path = swept.path(root, self.moves)
+        path = swept.path(root, self.moves.candidate)
         return PricedOutcome(found, path, swept.labels, swept.counters[LOOKS])

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.geometry import FloatArray, IntArray
+from placement.diagram.alone import Alone
 from placement.diagram.arrays import (
     ARCS,
     FULL,
@@ -21,7 +22,6 @@ from placement.diagram.arrays import (
     add_root,
     new_storage,
 )
-from placement.diagram.moves import Moves
 from placement.diagram.sweep import forward
 from placement.diagram.togo import backward, hopes
 
@@ -45,13 +45,13 @@ class Swept:
     epsilon: float
     counters: list[int]
 
-    def path(self, node: int, moves: Moves) -> list[int]:
-        """Return the cameras of the best path from a label on."""
+    def path(self, node: int, candidate: IntArray) -> list[int]:
+        """Return the cameras of the best path from a label on; `candidate` (v,) is each move's."""
         path = []
         while self.best_arc[node] >= 0:
             arc = self.best_arc[node]
             if self.arcs.move[arc] >= 0:
-                path.append(int(moves.candidate[self.arcs.move[arc]]))
+                path.append(int(candidate[self.arcs.move[arc]]))
             node = int(self.arcs.target[arc])
         return path
 
@@ -60,6 +60,7 @@ def sweep_once(
     p0: FloatArray,
     road: Road,
     views: Views,
+    alone: Alone,
     rules: Rules,
     table: Table,
     cuts: FloatArray,
@@ -89,7 +90,7 @@ def sweep_once(
             raise OutOfTime
         progress(begin / t)
         end = min(t, begin + CHUNK)
-        forward(begin, end, most, road, views, rules, hope, table, bin_epsilon, storage)
+        forward(begin, end, most, road, views, alone, rules, hope, table, bin_epsilon, storage)
         if storage.counter[FULL]:
             return None
         if begin == 0:  # roots are the only labels to which an arc leads from nowhere

@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from placement.diagram.alone import extend_by_one
 from placement.diagram.arrays import ARCS, CLASSES, FREE, FULL, LOOKS, MERGES, NODES
 from placement.diagram.clusters import begin_clusters, continue_clusters
 from placement.diagram.extension import extend_alone, record
@@ -25,7 +26,7 @@ STORAGE_FULL = 1  # the value of counter[FULL]
 
 
 @njit(cache=True)
-def forward(begin, end, k, road, views, rules, hope, table, bin_epsilon, storage):  # type: ignore[no-untyped-def]
+def forward(begin, end, k, road, views, alone, rules, hope, table, bin_epsilon, storage):  # type: ignore[no-untyped-def]
     """Sweep samples begin…end − 1; stop early with counter[FULL] set if storage runs out."""
     nodes, pool, arcs, counter = storage.nodes, storage.pool, storage.arcs, storage.counter
     sources, targets, moves, costs = arcs.source, arcs.target, arcs.move, arcs.cost
@@ -169,7 +170,14 @@ def forward(begin, end, k, road, views, rules, hope, table, bin_epsilon, storage
                             -1,
                             0.0,
                         )
-            extend_alone(t, m, first, kept, k, road, views, rules, table, storage)
+            # where offsets persist, cameras alone are moves of their own
+            apart = alone.at.size > 0
+            most_now = m if apart else k
+            extend_alone(t, m, first, kept, most_now, road, views, rules, table, storage)
+            if apart and m < k and not counter[FULL]:
+                extend_by_one(
+                    t, m, first, kept, road, alone, views.ptr.size - 1, rules, table, storage
+                )
             if counter[FULL]:
                 return
             begin_clusters(

@@ -8,7 +8,8 @@ better than any found by local search alone, and a better placement prunes more.
 The bound holds for every budget, one-per-mount or not, whatever overlaps: constraints other than
 the count, required and forbidden poses are relaxed. With several drives, each has a diagram of
 its own, and the weighted bounds are summed. Where cameras have persistent offsets, the diagram
-bounds what could be had if the offsets were known, and so what can be had (docs/trace-bound.md).
+bounds what could be had if those of cameras whose views meet were known, and so what can be had
+(docs/trace-bound.md).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import numpy as np
 from models.geometry import BoolArray, IntArray
 from placement.diagram.passes import Diagram, Outcome
 from placement.diagram.single import OutOfTime
+from placement.objectives.navigation_chain import Drive
 from placement.objectives.trace import Trace, WhiteTrace
 from placement.problem import Problem, Run
 from placement.solution import OPTIMAL_GAP, Proposal, Status
@@ -31,7 +33,7 @@ from placement.solvers.greedy import climb
 
 LEAVE_TIME_S = 0.4  # for the verb's own checks, out of the time limit
 BOUND_FROM = "relaxed decision diagram along the road"
-KNOWN_OFFSETS = BOUND_FROM + ", offsets known"
+KNOWN_OFFSETS = BOUND_FROM + ", offsets known where views meet"
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,9 +127,11 @@ class Proof:
     def prepare(self) -> None:
         """Lay out the diagrams; their floors are a first bound."""
         usable, required, budget = free_choice(self.known)
-        for weight, part in white_parts(self.known):
+        parts = zip(white_parts(self.known), offset_drives(self.problem), strict=True)
+        for (weight, part), persistent in parts:
             if weight > 0.0:
-                diagram = Diagram(part.drive, (part.w_tt, part.w_nn), usable, required, budget)
+                weights = (part.w_tt, part.w_nn)
+                diagram = Diagram(part.drive, weights, usable, required, budget, persistent)
                 self._diagrams.append((weight, diagram))
         self._publish()
 
@@ -194,7 +198,7 @@ class Proof:
     def _refined(self, effort: Effort) -> bool:
         """Sweep every diagram, as long as that helps; return whether a finer one may help more."""
         while not self._proven():
-            bound, value = self.bound, self.value
+            bound, value = self.bound, self.true_value
             for at in range(len(self._diagrams)):
                 outcome = self._sweep(at, effort)
                 if outcome is None:  # no room: be coarser where it matters least
@@ -203,8 +207,8 @@ class Proof:
                 if outcome is None:
                     return False
                 self._improve(outcome)
-            gap = max(self.value - bound, 0.0)
-            if value - self.value < 0.1 * gap:
+            gap = max(self.true_value - bound, 0.0)
+            if value - self.true_value < 0.1 * gap:
                 return not self._proven()
         return False
 
@@ -213,12 +217,12 @@ class Proof:
         weight, diagram = self._diagrams[at]
         n = diagram.drive.n_samples
         others = self.bound - weight * diagram.bound / n
-        threshold = np.inf if probing else (self.value - others) * n / weight
+        threshold = np.inf if probing else (self.true_value - others) * n / weight
 
         def report(share: float) -> None:
-            gap = (self.value - self.bound) / max(self.value, 1e-300)
-            known = " with offsets known" if self.persistent else ""
-            text = f"width {effort.width}, value {self.value:.6g}{known}, gap {100.0 * gap:.3g} %"
+            value = self.true_value
+            gap = (value - self.bound) / max(value, 1e-300)
+            text = f"width {effort.width}, value {value:.6g}, gap {100.0 * gap:.3g} %"
             self.run.progress(text, share)
 
         outcome = diagram.sweep(
@@ -246,7 +250,7 @@ class Proof:
         return outcome
 
     def _proven(self) -> bool:
-        return self.value - self.bound <= 0.5 * OPTIMAL_GAP * abs(self.value)
+        return self.true_value - self.bound <= 0.5 * OPTIMAL_GAP * abs(self.true_value)
 
     def _improve(self, outcome: Outcome) -> None:
         """Make a placement of a sweep's best path, polish it, and keep it if it is better."""
@@ -266,7 +270,7 @@ class Proof:
         self.offer(state.selected)
 
     def _publish(self) -> None:
-        publish(self.run, -min(self.bound, self.value))
+        publish(self.run, -min(self.bound, self.true_value))
 
 
 def publish(run: Run, score_bound: float) -> bool:
@@ -314,6 +318,13 @@ def white_parts(problem: Problem) -> list[tuple[float, WhiteTrace]]:
             raise ValueError("a diagram needs cameras whose offsets are known: see offsets_known")
         parts.append((weight, part))
     return parts
+
+
+def offset_drives(problem: Problem) -> list[Drive | None]:
+    """Return each drive of a `trace` problem whose cameras have persistent offsets, else None."""
+    objective = problem.objective
+    drives = objective.drives if isinstance(objective, Trace) else []
+    return [drive if drive.persistent else None for drive in drives]
 
 
 def free_choice(problem: Problem) -> tuple[BoolArray, IntArray, int]:

@@ -6,14 +6,14 @@
 
 Persistent offsets make every look at an objective dear, so there the search is over cameras whose
 offsets are known, and its placement is polished with them unknown; the relaxation begins likewise
-where that of known offsets ended. The diagram knows the offsets: it cannot prove more than what the
-best placement found comes to with offsets known, and where the relaxation has proven as much it is
-left out, and stretches of the placement are rearranged instead. Bounds are lower bounds on the
-value; the greatest counts, and `stats["bound_from"]` names it.
+where that of known offsets ended. The diagram knows the offsets of cameras whose views meet, and
+nobody else's. Bounds are lower bounds on the value; the greatest counts, and `stats["bound_from"]`
+names it.
 
-A time limit is shared out: a quarter for the search, a tenth for the relaxation (half of what is
-left where offsets persist), the rest for the diagram. Without one the diagram stops at MOST_LABELS,
-and what persistent offsets make dear after DEAR_S or DEARER_S seconds.
+A time limit is shared out: a quarter for the search, a tenth for the relaxation (and a third of
+what is left where offsets persist), the rest for the diagram (and the placement, there). Without
+one the diagram stops at MOST_LABELS, and what persistent offsets make dear after DEAR_S or DEARER_S
+seconds.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from placement.bounds.matroid import root_choice
 from placement.objectives.base import Relaxable
 from placement.objectives.trace import Trace
 from placement.problem import Problem, Run
-from placement.solution import Proposal, Status
+from placement.solution import OPTIMAL_GAP, Proposal, Status
 from placement.solvers.diagram import Proof, publish, shortened
 from placement.solvers.exchange import polish
 from placement.solvers.search import rearrange, solve_search
@@ -44,6 +44,8 @@ EVERYWHERE = "every camera at once"
 RELAXATION = "concave relaxation"
 TOLERANCE = 1e-3
 DEAR_TOLERANCE = 0.01
+RELAXED_SHARE = 0.3  # of the time left, where offsets persist: for their relaxation,
+SWEPT_SHARE = 0.75  # then for the diagram; the rest is for the placement
 
 
 def solve_trace_proof(problem: Problem, run: Run) -> Proposal:
@@ -95,12 +97,11 @@ class TraceProof:
         if self.problem.constraints.budget == 0 or run.out_of_time():
             return not run.out_of_time()
         if proof.persistent:
-            with shortened(run, max(0.5 * run.remaining(), 0.1) if limited else DEARER_S):
+            relaxing = RELAXED_SHARE * run.remaining()
+            with shortened(run, max(relaxing, 0.1) if limited else DEARER_S):
                 self._relax_truly(x)
-            if max(self.stats["bounds"].values()) >= proof.value:
-                self.stats["diagram"] = "left out: with offsets known it cannot prove more"
-                if limited:
-                    self._rearrange()
+            if max(self.stats["bounds"].values()) >= (1.0 - OPTIMAL_GAP) * proof.true_value:
+                self.stats["diagram"] = "left out: nothing is left to prove"
                 return not run.out_of_time()
         if total < SHORT_S and run.remaining() < 0.5 * total:
             # compiling ate it: the diagram's kernels, too, may have to be compiled, for longer
@@ -111,9 +112,14 @@ class TraceProof:
         except ValueError as error:  # views too long
             self.stats["diagram"] = str(error)
             return not run.out_of_time()
-        finished = proof.refine()
+        with shortened(run, (SWEPT_SHARE if proof.persistent else 1.0) * run.remaining()):
+            finished = proof.refine()
         self._bounded(proof.stats()["bound_from"], proof.bound)
         self.stats["sweeps"] = proof.sweeps
+        if proof.persistent and limited and proof.bound < (1.0 - OPTIMAL_GAP) * proof.true_value:
+            self._rearrange()
+            self._bounded(proof.stats()["bound_from"], proof.bound)
+            return not run.out_of_time()
         return finished
 
     def _search(self) -> None:

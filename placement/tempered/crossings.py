@@ -54,23 +54,21 @@ def predict_wide(m, n, phi, f, q, t):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def learn(m, n, at, phi, told, cameras, e, share, u, v):  # type: ignore[no-untyped-def]
+def learn(m, n, at, phi, told, white, offsets, frames, e, share, u, v):  # type: ignore[no-untyped-def]
     """Learn entry e of a camera whose offsets start at state `at`; return det(I + H P Hᵀ J).
 
     As `windows.offsets.update_state`; what it tells of the error at the start, `phi` (n, 3) from
     there to here, is added to `told` (6,). Without columns `phi` stays out of it.
     """
-    p = cameras.offsets.shape[2]
-    det, a00, a01, a11 = update_state(
-        m, n, at, cameras.white, cameras.offsets, cameras.frames, e, share, u, v
-    )
+    p = offsets.shape[2]
+    det, a00, a01, a11 = update_state(m, n, at, white, offsets, frames, e, share, u, v)
     if phi.shape[1] == 0:
         return det
     unit = 1.0 / math.sqrt(share)
     x0, x1, x2 = phi[0, 0], phi[0, 1], phi[0, 2]
     y0, y1, y2 = phi[1, 0], phi[1, 1], phi[1, 2]
     for k in range(p):
-        b0, b1 = unit * cameras.offsets[e, 0, k], unit * cameras.offsets[e, 1, k]
+        b0, b1 = unit * offsets[e, 0, k], unit * offsets[e, 1, k]
         x0 += b0 * phi[at + k, 0]
         x1 += b0 * phi[at + k, 1]
         x2 += b0 * phi[at + k, 2]
@@ -137,7 +135,10 @@ def run_through(process, cameras, members, start, stop, space, phi, car):  # typ
                 place[c] = n
                 n = enter_state(m, n, p, 1.0)
                 phi[place[c] : n] = 0.0
-            product *= learn(m, n, place[c], phi, told, cameras, e, cameras.share, u, v)
+            product *= learn(
+                m, n, place[c], phi, told, cameras.white, cameras.offsets, cameras.frames, e,
+                cameras.share, u, v,
+            )  # fmt: skip
             if product > RESCALE:
                 log_sum += math.log(product)
                 product = 1.0
