@@ -33,12 +33,16 @@ def main() -> None:
     parser.add_argument("--profiles", nargs="+", default=PROFILES)
     parser.add_argument("--weights", nargs="+", default=WEIGHTS)
     parser.add_argument("--budgets", nargs="+", type=int, default=BUDGETS)
+    parser.add_argument(
+        "--persistent", action="store_true", help="covariance errors whose offsets persist"
+    )
     options = parser.parse_args()
     sys.stdout.write(HEADER)
     for profile in options.profiles:
         for weight in options.weights:
             for budget in options.budgets:
-                sys.stdout.write(row(profile, weight, budget, options.time_limit, options.method))
+                given = profile, weight, budget, options.time_limit, options.method
+                sys.stdout.write(row(*given, persistent=options.persistent))
                 sys.stdout.flush()
 
 
@@ -48,15 +52,25 @@ def table(time_limit_s: float, method: str, budgets: Sequence[int] = BUDGETS) ->
     return (HEADER + "".join(rows)).rstrip()
 
 
-def winding(profile: str, weight: str = "position") -> Scene:
-    """Return `winding` under `trace`, white errors."""
+def persistent_table(time_limit_s: float, budgets: Sequence[int] = BUDGETS) -> str:
+    """Return the table of errors that persist, position alone, in Markdown."""
+    rows = [
+        row(p, WEIGHTS[0], k, time_limit_s, "auto", persistent=True)
+        for p in PROFILES
+        for k in budgets
+    ]
+    return (HEADER + "".join(rows)).rstrip()
+
+
+def winding(profile: str, weight: str = "position", *, persistent: bool = False) -> Scene:
+    """Return `winding` under `trace`: white errors of the `radius` model, or persistent ones."""
     instance = load_instance("winding").changed(
         {
             "objective.kind": "trace",
             "objective.weight": weight,
             "vehicle.profile": profile,
-            "errors.model": "radius",
-            "errors.persistent": False,
+            "errors.model": "covariance" if persistent else "radius",
+            "errors.persistent": persistent,
         }
     )
     return assemble(instance)
@@ -68,10 +82,16 @@ def with_budget(problem: Problem, budget: int) -> Problem:
 
 
 def row(
-    profile: str, weight: str, budget: int, time_limit_s: float, method: str = "diagram"
+    profile: str,
+    weight: str,
+    budget: int,
+    time_limit_s: float,
+    method: str = "diagram",
+    *,
+    persistent: bool = False,
 ) -> str:
     """Return one row of the table."""
-    problem = with_budget(winding(profile, weight).problem, budget)
+    problem = with_budget(winding(profile, weight, persistent=persistent).problem, budget)
     swaps = solve(problem, "exchange")
     found = solve(problem, method, time_limit_s=time_limit_s)
     bound = "none" if found.bound is None else f"{found.bound:.6g}"

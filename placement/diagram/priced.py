@@ -19,14 +19,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.geometry import BoolArray, IntArray
-from placement.diagram.alone import nobody_alone
+from placement.diagram.alone import alone_moves, nobody_alone
 from placement.diagram.arrays import LOOKS, Rules, empty_table
-from placement.diagram.layout import lay_moves, road_above, views_of
+from placement.diagram.layout import lay_moves, longest_view, road_above, views_of
 from placement.diagram.moves import floor_information
 from placement.diagram.passes import COARSE, EPSILON, ROUNDING
 from placement.diagram.single import sweep_once
 from placement.diagram.togo import least_by_cut, merged_table
 from placement.objectives.navigation import WhiteDrive
+from placement.objectives.navigation_chain import Drive
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,12 +55,14 @@ class PricedDiagram:
         starting: IntArray,
         together: int,
         typical: int,
+        persistent: Drive | None = None,
     ) -> None:
         """Prepare for at most `most` of the `usable` (c,) cameras beside the required ones.
 
         `price` > 0 is in the unit of the sum over samples. `starting` (t,) is how many cameras of a
         placement start at each sample at most (`moves.most_starting`), `together` how many that
         join at one sample are told apart; `typical` is a likely number of cameras in all.
+        `persistent`: as for `Diagram`.
 
         Raises:
             ValueError: if most views are too long.
@@ -73,6 +76,10 @@ class PricedDiagram:
         self.road = road_above(drive, weight, base, floor, reach)
         beyond = np.minimum(most - self.counts, starting - (self.counts - 1))
         self.views = views_of(self.moves, drive.n_samples, beyond)
+        self.alone = nobody_alone()
+        if persistent is not None:
+            self.alone = alone_moves(persistent, usable, base, longest_view(most))
+        self.candidate = np.concatenate([self.moves.candidate, self.alone.candidate])
         self.bound = float(self.road.floor_cost[-1])
         self.threshold = np.inf
         self.forget()
@@ -108,7 +115,7 @@ class PricedDiagram:
             self.drive.p0,
             self.road,
             self.views,
-            nobody_alone(),
+            self.alone,
             rules,
             self.table,
             self.cuts,
@@ -125,5 +132,5 @@ class PricedDiagram:
         if not probing:
             least_by_cut(nodes.lo, nodes.hi, nodes.togo, self.cuts)
         self.table = merged_table(self.table, nodes.lo, nodes.hi, nodes.p, nodes.togo)
-        path = swept.path(root, self.moves.candidate)
+        path = swept.path(root, self.candidate)
         return PricedOutcome(found, path, swept.labels, swept.counters[LOOKS])

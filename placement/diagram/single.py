@@ -26,7 +26,7 @@ from placement.diagram.sweep import forward
 from placement.diagram.togo import backward, hopes
 
 CHUNK = 4  # samples swept between looks at the clock
-MOST_NODES, MOST_ARCS, MOST_WAITING = 24_000_000, 80_000_000, 1_000_000
+MOST_NODES, MOST_ARCS, MOST_WAITING = 24_000_000, 80_000_000, 4_000_000
 
 
 class OutOfTime(Exception):  # noqa: N818 - a signal, not an error

@@ -18,6 +18,7 @@ import numpy as np
 from models.geometry import BoolArray, IntArray
 from placement.diagram.moves import most_starting
 from placement.diagram.priced import PricedDiagram
+from placement.objectives.navigation_chain import Drive
 from placement.objectives.trace import WhiteTrace
 from placement.solvers.diagram import PROBE, PROBE_EPSILON, Effort
 
@@ -60,10 +61,12 @@ class PricedCurve:
     """Diagrams at prices for the budgets in `value`, which others keep up to date.
 
     Budgets here count cameras beside the required ones. `nothing` is the value of none, in m².
-    `parts` are the weighted drives; `usable` (c,), `required` and `group` (c,) as in constraints.
+    `parts` are the weighted drives, `persistent` those whose cameras' offsets persist, else None;
+    `usable` (c,), `required` and `group` (c,) as in constraints.
     """
 
     parts: list[tuple[float, WhiteTrace]]
+    persistent: list[Drive | None]
     usable: BoolArray
     required: IntArray
     group: IntArray
@@ -165,9 +168,12 @@ class PricedCurve:
                     starting=starting,
                     together=TOGETHER_FEW if few else TOGETHER,
                     typical=typical,
+                    persistent=persistent,
                 ),
             )
-            for (weight, part), starting in zip(self.parts, self._starting, strict=True)
+            for (weight, part), starting, persistent in zip(
+                self.parts, self._starting, self.persistent, strict=True
+            )
         ]
         self.prices.append(Price(price, diagrams, EFFORTS_FEW if few else EFFORTS, coarse=not few))
         return self.prices[-1]

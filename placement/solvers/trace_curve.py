@@ -24,6 +24,7 @@ from placement.diagram.layout import lay_moves
 from placement.diagram.passes import Diagram
 from placement.diagram.single import OutOfTime
 from placement.objectives.base import Relaxable
+from placement.objectives.navigation_chain import Drive
 from placement.objectives.trace import Trace
 from placement.problem import Problem, Run
 from placement.solution import Proposal, Status
@@ -36,6 +37,7 @@ from placement.solvers.diagram import (
     PROBE_EPSILON,
     Effort,
     free_choice,
+    offset_drives,
     repaired,
     shortened,
     white_parts,
@@ -53,7 +55,7 @@ SLIGHT = 0.01  # a gap that neither relaxations nor counts are asked about
 CLOSED = 1e-7  # a gap that is none
 NEAR = 1.1  # a path's placement this near the best (as a share) is polished
 PRICED = BOUND_FROM + ", cameras priced"
-KNOWN = ", offsets known"
+KNOWN = ", offsets known where views meet"
 
 
 def solve_trace_curve(problem: Problem, budgets: range, run: Run) -> list[Proposal]:
@@ -71,7 +73,7 @@ def solve_trace_curve(problem: Problem, budgets: range, run: Run) -> list[Propos
 
 @dataclass(slots=True)
 class CurveProof:
-    """The best placements of all budgets, with offsets known, and what bounds them."""
+    """The best placements of all budgets, searched with offsets known, and what bounds them."""
 
     problem: Problem
     budgets: range
@@ -82,9 +84,11 @@ class CurveProof:
     floor: float = 0.0  # what every usable camera at once would leave
     search: CurveSearch = field(init=False)
     prices: PricedCurve = field(init=False)
+    _persistent: list[Drive | None] = field(default_factory=list)
+    _values: dict[tuple[int, ...], float] = field(default_factory=dict)  # with offsets unknown
 
     def __post_init__(self) -> None:
-        """Take the offsets for known, and look at the drives.
+        """Take the offsets for known in the search, and look at the drives.
 
         Raises:
             ValueError: if most views are too long for a diagram.
@@ -97,18 +101,21 @@ class CurveProof:
             self.known[k] = replace(self.problem, objective=known, constraints=rules)
         most = self.known[self.budgets[-1]]
         usable, required, budget = free_choice(most)
-        parts = [(weight, part) for weight, part in white_parts(most) if weight > 0.0]
+        pairs = zip(white_parts(most), offset_drives(self.problem), strict=True)
+        weighed = [(part, drive) for part, drive in pairs if part[0] > 0.0]
+        parts, self._persistent = [p for p, _ in weighed], [d for _, d in weighed]
         for _, part in parts:
             lay_moves(part.drive, usable, required, budget)
         self.floor = known.value(np.flatnonzero(self.problem.constraints.usable()))
         self.search = CurveSearch(self.known, self.run)
         self.prices = PricedCurve(
             parts,
+            self._persistent,
             usable,
             required,
             self.problem.constraints.group,
-            known.value(required),
-            lambda: {k - required.size: v for k, v in self.search.value.items()},
+            objective.value(required),
+            lambda: {k - required.size: self.value(k) for k in self.search.value},
             self._offer,
             lambda: self.run.remaining() <= LEAVE_TIME_S,
             lambda text: self.run.progress(f"{text}, {self._widest()}", None),
@@ -135,17 +142,36 @@ class CurveProof:
         return finished and self.run.remaining() > LEAVE_TIME_S
 
     def proposals(self, status: Status) -> list[Proposal]:
-        """Return what was found and proven, with offsets unknown again."""
-        objective = self.problem.objective
-        persistent = isinstance(objective, Trace) and objective.persistent
+        """Return what was found and proven."""
+        persistent = any(drive is not None for drive in self._persistent)
         made = []
         for k in self.budgets:
             bounds = self._bounds(k)
             source = max(bounds, key=bounds.__getitem__)
-            bound = min(bounds[source], self.search.value[k])
+            bound = min(bounds[source], self.value(k))
             said = source + KNOWN if persistent and source in (PRICED, BOUND_FROM) else source
-            made.append(Proposal(self.search.best[k], -bound, status, {"bound_from": said}))
+            made.append(Proposal(self.selected(k), -bound, status, {"bound_from": said}))
         return made
+
+    def selected(self, k: int) -> list[int]:
+        """Return the best placement of at most `k` cameras."""
+        if all(drive is None for drive in self._persistent):
+            return self.search.best[k]
+        fewer = (self.search.best[j] for j in self.search.best if j <= k)
+        return min(fewer, key=self._true_value)
+
+    def value(self, k: int) -> float:
+        """Return what the best placement of `k` cameras comes to, in m²."""
+        if all(drive is None for drive in self._persistent):
+            return self.search.value[k]
+        return self._true_value(self.selected(k))
+
+    def _true_value(self, selected: list[int]) -> float:
+        chosen = tuple(selected)
+        if chosen not in self._values:
+            value = self.problem.objective.value(np.array(chosen, dtype=np.int64))
+            self._values[chosen] = value
+        return self._values[chosen]
 
     def bound(self, k: int) -> float:
         """Return the proven lower bound on the value for `k` cameras, in m²."""
@@ -161,7 +187,7 @@ class CurveProof:
 
     def _gap(self, k: int) -> float:
         """Return the share of the value that is not proven."""
-        return 1.0 - self.bound(k) / max(self.search.value[k], 1e-300)
+        return 1.0 - self.bound(k) / max(self.value(k), 1e-300)
 
     def _widest(self) -> str:
         k = max(self.budgets, key=self._gap)
@@ -221,8 +247,8 @@ class CurveProof:
         most = self.known[asked[-1]]
         usable, _, left = free_choice(most)
         diagrams = [
-            (w, Diagram(p.drive, (p.w_tt, p.w_nn), usable, self.prices.required, left))
-            for w, p in self.prices.parts
+            (w, Diagram(p.drive, (p.w_tt, p.w_nn), usable, self.prices.required, left, persistent))
+            for (w, p), persistent in zip(self.prices.parts, self._persistent, strict=True)
         ]
         for effort, probing in ((PROBE, True), *((e, False) for e in EFFORTS)):
             for weight, diagram in diagrams:
@@ -249,7 +275,7 @@ class CurveProof:
         for k in asked:
             left = k - self._required()
             others = _sum_of_bounds(diagrams, left) - weight * diagram.bounds[left] / n
-            threshold[left] = np.inf if probing else (self.search.value[k] - others) * n / weight
+            threshold[left] = np.inf if probing else (self.value(k) - others) * n / weight
         outcome = diagram.sweep(
             effort.width,
             threshold,

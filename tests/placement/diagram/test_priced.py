@@ -1,6 +1,7 @@
 """The priced diagram's bound against every placement of tiny roads, of any size."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,13 +13,13 @@ from placement.diagram.moves import most_starting
 from placement.diagram.priced import PricedDiagram
 from placement.objectives.trace import Trace
 from placement.problem import Problem
-from placement.solvers.diagram import free_choice, white_parts
+from placement.solvers.diagram import free_choice, offset_drives, white_parts
 
 CANDIDATES = 8
 LOOSE = 1.5  # times the best: a threshold as poor placements give it
 
 
-def tiny(seed: int) -> tuple[Trace, IntArray]:
+def tiny(seed: int, offsets: int = 0) -> tuple[Trace, IntArray]:
     """Return a tiny road and its groups, of one to three cameras, many of which start together."""
     rng = np.random.default_rng([9, seed])
     drive = random_drive(
@@ -31,6 +32,7 @@ def tiny(seed: int) -> tuple[Trace, IntArray]:
         odometry=CAR if rng.integers(2) else ROBOT,
         initial_sigma=(0.1, 0.1, 0.01 * rng.integers(2)),
         strength=float(10.0 ** rng.uniform(0.0, 4.0)),
+        offsets=offsets,
     )
     group = np.sort(rng.integers(0, 8, CANDIDATES)) if rng.integers(2) else np.full(CANDIDATES, -1)
     return Trace([drive], ("position", "lateral")[int(rng.integers(2))]), group
@@ -47,11 +49,11 @@ def values(objective: Trace, group: IntArray, most: int) -> list[tuple[float, in
     return found
 
 
-def check_block(block: int, roads: int) -> tuple[int, int]:
+def check_block(block: int, roads: int, offsets: int = 0) -> tuple[int, int]:
     """Sweep tiny roads at a price each; return how many were tight, and how many gave a rest."""
     tight = given = 0
     for seed in range(roads * block, roads * block + roads):
-        objective, group = tiny(seed)
+        objective, group = tiny(seed, offsets)
         rng = np.random.default_rng(seed)
         budget = int(rng.integers(1, 6))
         problem = Problem(
@@ -63,7 +65,8 @@ def check_block(block: int, roads: int) -> tuple[int, int]:
         price = nothing * 10.0 ** rng.uniform(-3.0, 0.0)
         best = min(value + price * size for value, size in worth)
         most = min(budget, int(LOOSE * best / price * (1.0 + 1e-9)))
-        (_, part) = white_parts(problem)[0]
+        persistent = offset_drives(problem)[0]
+        (_, part) = white_parts(replace(problem, objective=objective.offsets_known()))[0]
         n = part.drive.n_samples
         usable, required, _ = free_choice(problem)
         diagram = PricedDiagram(
@@ -76,6 +79,7 @@ def check_block(block: int, roads: int) -> tuple[int, int]:
             starting=most_starting(part.drive, usable, group),
             together=int(rng.integers(2, 5)),
             typical=2,
+            persistent=persistent,
         )
         given += bool(diagram.views.rest_length.any())
         for probing, width, coarse, slots, limit in (
@@ -102,10 +106,16 @@ def test_no_sweep_bounds_above_the_best_of_all_placements_at_a_price(block: int)
     assert given >= 5
 
 
+def test_no_sweep_bounds_above_the_best_at_a_price_where_offsets_persist() -> None:
+    found = [check_block(100 + offsets, 40, offsets)[0] for offsets in (1, 2, 3)]
+    assert min(found) >= 8
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("block", range(4, 64))
 def test_no_sweep_bounds_above_the_best_on_thousands_of_roads(block: int) -> None:
     check_block(block, 75)
+    check_block(1000 + block, 25, 1 + block % 3)
 
 
 def test_most_starting_counts_groups_where_their_stand_ins_start() -> None:

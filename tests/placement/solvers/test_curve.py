@@ -23,7 +23,7 @@ CANDIDATES = 8
 MOST = 5
 
 
-def tiny(seed: int, drives: int = 1) -> Problem:
+def tiny(seed: int, drives: int = 1, offsets: int = 0) -> Problem:
     """Return a tiny road, with groups, a required camera and places, or without."""
     rng = np.random.default_rng([11, seed])
     many = [
@@ -36,6 +36,7 @@ def tiny(seed: int, drives: int = 1) -> Problem:
             wrap=seed % 5 == 4,
             odometry=CAR if rng.integers(2) else ROBOT,
             strength=float(10.0 ** rng.uniform(0.0, 4.0)),
+            offsets=offsets,
         )
         for _ in range(drives)
     ]
@@ -59,12 +60,12 @@ def best_values(problem: Problem) -> dict[int, float]:
     return least
 
 
-def check(seed: int, drives: int, source: str) -> tuple[int, int]:
+def check(seed: int, drives: int, source: str, offsets: int = 0) -> tuple[int, int]:
     """Solve a tiny road's curve; return how many bounds are of `source`, and how many tight.
 
     Bounds are looked at before placements cap them, which would hide what is wrong.
     """
-    problem = tiny(seed, drives)
+    problem = tiny(seed, drives, offsets)
     best = best_values(problem)
     budgets = range(1 + seed % 3, MOST + 1)
     proof = CurveProof(problem, budgets, Run(np.random.default_rng(seed)))
@@ -73,7 +74,9 @@ def check(seed: int, drives: int, source: str) -> tuple[int, int]:
     for k, found in zip(budgets, proof.proposals(Status.FEASIBLE), strict=True):
         assert proof.bound(k) <= best[k] * (1.0 + 1e-9), (seed, k)
         assert not replace(problem.constraints, budget=k).violations(found.selected)
-        named += found.stats["bound_from"] == source
+        value = problem.objective.value(np.array(found.selected, dtype=np.int64))
+        assert proof.value(k) == pytest.approx(value, rel=1e-12)
+        named += found.stats["bound_from"].startswith(source)
         tight += proof.bound(k) >= 0.95 * best[k]
     return named, tight
 
@@ -114,6 +117,28 @@ def test_counts_alone_bound_every_budget(monkeypatch: pytest.MonkeyPatch) -> Non
     found = np.sum([check(seed, 1 + seed % 2, BOUND_FROM) for seed in range(30)], axis=0)
     assert found[0] >= 30
     assert found[1] >= 40
+
+
+@pytest.mark.usefixtures("poor")
+@pytest.mark.parametrize("means", ["prices", "counts"])
+def test_every_budget_is_bounded_where_offsets_persist(
+    means: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for other in ("_relax", "_relax_at", "_count" if means == "prices" else "_price"):
+        monkeypatch.setattr(CurveProof, other, lambda *_: None)
+    source = PRICED
+    if means == "counts":
+        source = BOUND_FROM
+        monkeypatch.setattr(PricedCurve, "above_hull", lambda *_: 1.0)
+    found = np.sum([check(seed, 1 + seed % 2, source, 1 + seed % 3) for seed in range(24)], axis=0)
+    assert found[0] >= 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("block", range(5))
+def test_no_curve_lies_above_the_best_where_offsets_persist(block: int) -> None:
+    for seed in range(100):
+        check(7000 + 100 * block + seed, 1 + seed % 2, PRICED, 1 + seed % 3)
 
 
 @pytest.mark.slow
