@@ -10,7 +10,7 @@ where that of known offsets ended. The diagram knows the offsets of cameras whos
 nobody else's. Bounds are lower bounds on the value; the greatest counts, and `stats["bound_from"]`
 names it.
 
-A time limit is shared out: a quarter for the search, a tenth for the relaxation (and a third of
+A time limit is shared out: a quarter for the search, a tenth for the relaxation (and a sixth of
 what is left where offsets persist), the rest for the diagram (and the placement, there). Without
 one the diagram stops at MOST_LABELS, and what persistent offsets make dear after DEAR_S or DEARER_S
 seconds.
@@ -44,7 +44,7 @@ EVERYWHERE = "every camera at once"
 RELAXATION = "concave relaxation"
 TOLERANCE = 1e-3
 DEAR_TOLERANCE = 0.01
-RELAXED_SHARE = 0.3  # of the time left, where offsets persist: for their relaxation,
+RELAXED_SHARE = 0.15  # of the time left, where offsets persist: for their relaxation,
 SWEPT_SHARE = 0.75  # then for the diagram; the rest is for the placement
 
 
