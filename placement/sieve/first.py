@@ -30,8 +30,8 @@ ROUGHLY = 0.05  # to this share of the gap to the score to beat
 class FirstOrder:
     """The first order of a tempered bound at its best price, and the arcs that this leaves.
 
-    Arcs that no placement above `beat` uses may be left out; on a single drive, budget ≥ 2. If more
-    than `most` are left there is a bound, and nothing else.
+    Arcs that no placement above `beat` uses may be left out; on a single drive, budget ≥ 2. Where
+    more than `most` are left of a long line nobody has looked at, there is a bound and no more.
     """
 
     first: Tempered
@@ -80,9 +80,10 @@ class FirstOrder:
             into, cameras = paths_into(price)
             total = into + first.ends
             best = int(np.argmax(total))
-            bound = max(none, float(total[best])) + budget * price
-            if bound < self.least:
-                self.least, self.price, self.into = bound, price, into
+            bound = float(np.maximum(none, total[best])) + budget * price
+            if self.least == math.inf or bound < self.least:
+                self.price, self.into = price, into
+                self.least = bound if bound < math.inf else math.inf  # not where it is no number
             return bound, int(cameras[best]) if total[best] > none else 0
 
         guess = self.price or float(np.max(first.alone, initial=0.0)) / budget

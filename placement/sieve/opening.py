@@ -26,7 +26,7 @@ BATCH = 32  # cameras whose arcs are looked at together
 ROWS = 1024  # of known arcs, between two looks at the clock
 THIN = 16
 MOST_MEETINGS = 100_000_000  # gains of cameras whose windows meet: 400 MB
-MORE = 1.0 + 1e-8  # no gain is more than this times that alone, after rounding
+MORE = 1.0 + 1e-8  # no gain is more than this times that alone, before it is rounded up
 
 
 class View(NamedTuple):

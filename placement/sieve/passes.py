@@ -33,7 +33,7 @@ def sift(
     enough: Callable[[Line], bool],
     run: Run,
 ) -> tuple[Line, float, int]:
-    """Return what sieves leave of a line, the share that bounded best, and how many they were.
+    """Return what sieves leave of a line, the best share or the last tried, and how many they were.
 
     On a single drive. Each pass goes halfway from the share of the one before to 1, until the bound
     no longer falls, `report` says that it is closed, what is left is `enough`, or a pass would take

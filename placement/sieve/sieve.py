@@ -138,7 +138,8 @@ class Sieve:
         ends = self.first.ends
         none = 0.0 if not self.first.line.required.any() else -np.inf
         one = float(np.max(self.first.alone - price + ends, initial=-np.inf))
-        return max(none, one, float(np.max(values + ends[self.near.target], initial=-np.inf)))
+        more = float(np.max(values + ends[self.near.target], initial=-np.inf))
+        return float(np.max([none, one, more]))  # no number, if any is none
 
     def bound(self) -> float:
         """Return an upper bound on all placements of the line, but those not above `beat`."""

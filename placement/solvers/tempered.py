@@ -110,6 +110,10 @@ class Proof(Incumbent):
             return True
         if line is None:
             return not run.out_of_time()
+        if self.problem.constraints.budget == 1:
+            alone = self._tempered(line, 1.0)
+            self.bounded("each camera alone", alone.bound_of_one())
+            return True
         share, seconds = self._best_share(line, SHARES if self.white else PERSISTENT_SHARES)
         if self._sieves and (
             seconds * line.candidate.size**2 > LONG_S or not room_for_pairs(line.candidate.size)

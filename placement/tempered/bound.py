@@ -145,6 +145,12 @@ class Tempered:
         """Return an upper bound on the score of every placement of the line."""
         return float(self.bounds()[self.budget])
 
+    def bound_of_one(self) -> float:
+        """Return an upper bound on the score of every placement of at most one camera."""
+        none = 0.0 if not self.line.required.any() else -np.inf
+        best = np.maximum(none, np.max(self.alone + self.ends, initial=-np.inf))
+        return float(self.as_bound(np.array([best]))[0])
+
     def as_bound(self, gain: FloatArray) -> FloatArray:
         """Turn bounds on g into bounds on f."""
         bounds: FloatArray = (self.constant + gain + 1e-12 * np.maximum(gain, 0.0)) / self.theta
@@ -239,7 +245,7 @@ class SecondOrder:
         few = 0.0 if not line.required.any() else -np.inf
         one = float(np.max(self.first.alone + self.ends, initial=-np.inf))
         more = float(np.max(self.F + self.ends[self.arcs.target], initial=-np.inf))
-        return float(self.first.as_bound(np.array([max(few, one, more)]))[0])
+        return float(self.first.as_bound(np.array([np.max([few, one, more])]))[0])
 
     def begin(self) -> IntArray:
         """Return the states that arcs (m,) lead to from the start of a path: themselves."""

@@ -27,7 +27,7 @@ from numba import njit
 
 from models.geometry import FloatArray, IntArray
 from placement.objectives.navigation_chain import Drive
-from placement.objectives.windows.filter import put6
+from placement.objectives.windows.filter import parallel, put6
 from placement.tempered.pieces import LONGEST, pieces_of, restricted_entries
 from placement.tempered.process import Process, step_on
 
@@ -245,15 +245,15 @@ def _mix(steps, p0, start, f_of, information, theta, f, q, prior, known):  # typ
         plain[1, 0], plain[1, 1], plain[1, 2] = -s[1], s[0], s[3]
         plain[2, 2] = 1.0
         other[:] = f_of[t] - plain
-        left = _parallel(noise, told)
+        left = parallel(noise, told)
         move = plain + _square(left) @ _square(told) @ other
-        more = other.T @ _square(_parallel(told, noise)) @ other
-        put6(q, t, _parallel(left, g))
+        more = other.T @ _square(parallel(told, noise)) @ other
+        put6(q, t, parallel(left, g))
         inverse[:] = np.linalg.solve(np.eye(3) + _square(left) @ _square(g), move)
         for i in range(3):
             for j in range(3):
                 f[t, 3 * i + j] = inverse[i, j]
-        more += move.T @ _square(_parallel(g, left)) @ move
+        more += move.T @ _square(parallel(g, left)) @ move
         g = (
             more[0, 0], 0.5 * (more[0, 1] + more[1, 0]), 0.5 * (more[0, 2] + more[2, 0]),
             more[1, 1], 0.5 * (more[1, 2] + more[2, 1]), more[2, 2],
@@ -263,7 +263,7 @@ def _mix(steps, p0, start, f_of, information, theta, f, q, prior, known):  # typ
         g[3] + rest * start[1, 1], g[4] + rest * start[1, 2], g[5] + rest * start[2, 2],
     )  # fmt: skip
     known[0], known[1], known[2], known[3], known[4], known[5] = g
-    p = _parallel((p0[0], p0[1], p0[2], p0[3], p0[4], p0[5]), g)
+    p = parallel((p0[0], p0[1], p0[2], p0[3], p0[4], p0[5]), g)
     put6(prior, 0, p)
     for t in range(1, n):
         p = step_on(p, f, q, t)
@@ -274,45 +274,3 @@ def _mix(steps, p0, start, f_of, information, theta, f, q, prior, known):  # typ
 def _square(packed):  # type: ignore[no-untyped-def]
     a, b, c, d, e, f = packed
     return np.array([[a, b, c], [b, d, e], [c, e, f]])
-
-
-@njit(cache=True)
-def _parallel(a, b):  # type: ignore[no-untyped-def]
-    """Return (A⁻¹ + B)⁻¹ = L (I + LᵀBL)⁻¹ Lᵀ (6,), A = L Lᵀ maybe singular.
-
-    Unlike `windows.filter.parallel` this loses little where A B is 1e8 one way and 1 another.
-    """
-    l00 = math.sqrt(max(a[0], 0.0))
-    i0 = 1.0 / l00 if l00 > 0.0 else 0.0
-    l10, l20 = a[1] * i0, a[2] * i0
-    l11 = math.sqrt(max(a[3] - l10 * l10, 0.0))
-    i1 = 1.0 / l11 if l11 > 0.0 else 0.0
-    l21 = (a[4] - l20 * l10) * i1
-    l22 = math.sqrt(max(a[5] - l20 * l20 - l21 * l21, 0.0))
-    b0, b1, b2, b3, b4, b5 = b
-    u0, u1, u2 = b0 * l00 + b1 * l10 + b2 * l20, b1 * l00 + b3 * l10 + b4 * l20, 0.0
-    u2 = b2 * l00 + b4 * l10 + b5 * l20
-    v1, v2, w2 = b3 * l11 + b4 * l21, b4 * l11 + b5 * l21, b5 * l22
-    m00 = 1.0 + l00 * u0 + l10 * u1 + l20 * u2
-    m10, m20 = l11 * u1 + l21 * u2, l22 * u2
-    m11, m21, m22 = 1.0 + l11 * v1 + l21 * v2, l22 * v2, 1.0 + l22 * w2
-    # M = C Cᵀ; every pivot of I + (something positive semidefinite) is at least 1
-    c00 = math.sqrt(m00)
-    c10, c20 = m10 / c00, m20 / c00
-    c11 = math.sqrt(max(m11 - c10 * c10, 1.0))
-    c21 = (m21 - c20 * c10) / c11
-    c22 = math.sqrt(max(m22 - c20 * c20 - c21 * c21, 1.0))
-    # X = C⁻¹ Lᵀ, and Xᵀ X
-    x00, x01, x02 = l00 / c00, l10 / c00, l20 / c00
-    x10, x11, x12 = -c10 * x00 / c11, (l11 - c10 * x01) / c11, (l21 - c10 * x02) / c11
-    x20 = (-c20 * x00 - c21 * x10) / c22
-    x21 = (-c20 * x01 - c21 * x11) / c22
-    x22 = (l22 - c20 * x02 - c21 * x12) / c22
-    return (
-        x00 * x00 + x10 * x10 + x20 * x20,
-        x00 * x01 + x10 * x11 + x20 * x21,
-        x00 * x02 + x10 * x12 + x20 * x22,
-        x01 * x01 + x11 * x11 + x21 * x21,
-        x01 * x02 + x11 * x12 + x21 * x22,
-        x02 * x02 + x12 * x12 + x22 * x22,
-    )

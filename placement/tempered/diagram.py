@@ -115,7 +115,7 @@ class Diagram:
         """Return an upper bound on all placements of the line, but those not above `beat`."""
         none = 0.0 if not self.first.line.required.any() else -np.inf
         best = float(np.max(self.F + self.ends, initial=-np.inf))
-        return float(self.first.as_bound(np.array([max(none, best)]))[0])
+        return float(self.first.as_bound(np.array([np.maximum(none, best)]))[0])
 
     @property
     def start(self) -> FloatArray:

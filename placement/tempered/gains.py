@@ -92,7 +92,9 @@ def gains_given(a, process, cameras, rows, alone, extra, wanted, stop, gains):  
             both[1] = b
             s = min(first[a], first[b])
             cross(process, cameras, both, s, max(last[a], last[b]), space, row)
-            gain = min(worth(prior_at(process, s), row) - given, alone[b])
+            gain = worth(prior_at(process, s), row) - given
+        if not gain <= alone[b]:  # nor where it is no number
+            gain = alone[b]
         gains[b] = max(gain, 0.0) + extra[b]
 
 
@@ -233,7 +235,8 @@ def _triple_gains_of(  # type: ignore[no-untyped-def]
                     else:
                         p_k = carry(process, after(p_j, rows[j]), last[j], first[k])
                         gain = worth(p_k, rows[k])
-                gain = min(gain, alone[k])
+            if not gain <= alone[k]:
+                gain = alone[k]
             gain = max(gain, 0.0) + extra[k]
             out[at] = rounded_up(np.float64(out[at]) + weight * gain)
 

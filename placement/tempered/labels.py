@@ -200,9 +200,10 @@ def _gains_of_arc(  # type: ignore[no-untyped-def]
                     crossed = True
                 p_j = e_j if s == first_j else at_k
                 gain = worth(p_j, row) - worth(carry(process, p_j, s, first_j), rows[j])
-                gain = min(gain, alone[k])
             else:
-                gain = min(worth(at_k, rows[k]), alone[k])
+                gain = worth(at_k, rows[k])
+            if not gain <= alone[k]:  # nor where it is no number
+                gain = alone[k]
         gain = max(gain, 0.0) + extra[k] if last_k >= 0 else 0.0
         total = min(rounded_up(np.float64(gains[at]) + weight * gain), pairs[j, k])
         so_far += np.float64(total) if single else np.float64(pairs[j, k])

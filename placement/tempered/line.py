@@ -91,14 +91,20 @@ class Line:
         n = self.candidate.size
         if self.arcs is None:
             out, into = np.zeros(n, np.int64), np.zeros(n, np.int64)
-            _count_all(self.group, self.stop, out, into)
+            _count_all(self.group, self.stop, out)
+            _count_before(self.group, self.stop, into)
             return out, into
         return np.diff(self.arcs.out_of), np.bincount(self.arcs.target, minlength=n)
 
     @property
     def n_arcs(self) -> int:
         """Return how many arcs there are."""
-        return int(self.degrees[0].sum()) if self.arcs is None else len(self.arcs.target)
+        if self.arcs is not None:
+            return len(self.arcs.target)
+        n = self.candidate.size
+        out = np.zeros(n, np.int64)
+        _count_all(self.group, self.stop, out)
+        return int(out.sum())
 
     @property
     def may_start(self) -> BoolArray:
@@ -162,12 +168,16 @@ def _mark_all(group, stop, found):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, parallel=True)
-def _count_all(group, stop, out, into):  # type: ignore[no-untyped-def]
+def _count_all(group, stop, out):  # type: ignore[no-untyped-def]
     for a in prange(group.size):
         found = 0
         for b in range(a + 1, stop[a]):
             found += 1 if may_follow(group, stop, a, b) else 0
         out[a] = found
+
+
+@njit(cache=True, parallel=True)
+def _count_before(group, stop, into):  # type: ignore[no-untyped-def]
     for b in prange(group.size):
         found = 0
         for a in range(b):

@@ -26,13 +26,13 @@ from placement.tempered.process import Cameras, Process, cameras_of, take_in
 
 # A window keeps its offsets in the state all the way across a gap: those longer than this are cut.
 LONGEST = 200
-ROUNDING = 1e-9
+ROUNDING = 1e-8
 
 
 def pieces_of(drive: Drive) -> tuple[Drive, BoolArray]:
-    """Cut windows that span `LONGEST` samples or more at their gap; keep what tells more.
+    """Cut windows whose ends lie `LONGEST` samples apart, or more, at their gap.
 
-    Return the drive and which cameras (c,) keep all they see.
+    What tells more is kept. Return the drive and which cameras (c,) keep all they see.
     """
     info = drive.information
     whole = np.ones(info.n_candidates, dtype=np.bool_)
@@ -67,7 +67,8 @@ def own_stretch(process: Process, cameras: Cameras) -> tuple[FloatArray, FloatAr
     rows, gains = np.empty((n, ROW)), np.zeros(n)
     cross_each(process, cameras, rows)
     alone(process, cameras, rows, gains)
-    return rows, np.maximum(gains, 0.0)
+    # nothing is known of what is no number
+    return rows, np.where(np.isnan(gains), np.inf, np.maximum(gains, 0.0))
 
 
 def extra_of(alone: FloatArray, piece: FloatArray, whole: BoolArray) -> FloatArray:

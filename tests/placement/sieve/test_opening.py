@@ -21,6 +21,7 @@ from placement.sieve.opening import Opening, gains_along
 from placement.sieve.sieve import Sieve
 from placement.solve import solve
 from placement.solvers import tempered
+from placement.tempered import pieces
 from placement.tempered.background import background_of, chains_of
 from placement.tempered.bound import Tempered
 from placement.tempered.line import ArcsOut, Line, make_line
@@ -71,14 +72,16 @@ def opened(
     return found
 
 
-@pytest.mark.parametrize("room", [True, False])
+@pytest.mark.parametrize(("room", "longest"), [(True, 200), (False, 200), (True, 4)])
 @pytest.mark.parametrize("seed", range(10))
 def test_arcs_worth_it_are_those_of_a_table_of_all_pairs(
-    seed: int, room: bool, monkeypatch: pytest.MonkeyPatch
+    seed: int, room: bool, longest: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not room:
         monkeypatch.setattr(opening, "MOST_MEETINGS", 0)
+    monkeypatch.setattr(pieces, "LONGEST", longest)
     first = tempered_over(seed)
+    assert first.drives[0].extra.any() == (longest < 200)
     rough = FirstOrder(first, -np.inf)
     best = rough.least - first.budget * rough.price
     all_gains = gains_along(first, first.line.laid_out)
@@ -111,6 +114,11 @@ def test_too_many_arcs_are_none_and_leave_a_bound(monkeypatch: pytest.MonkeyPatc
     assert found.too_many
     assert found.arcs > 10
     assert first.bound() - 1e-9 <= found.bound() <= 1.5 * first.bound()
+    # all that may be is still there
+    assert found.left().n_arcs == first.line.n_arcs
+    monkeypatch.undo()
+    again = FirstOrder(replace(first, line=found.left()), -np.inf)
+    assert again.bound() >= first.bound() - 1e-9
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -226,3 +234,11 @@ def test_an_opening_out_of_time_stops() -> None:
         Opening(first).into_each(0.1)
     with pytest.raises(OutOfTimeError):
         Opening(first).arcs_worth(first.alone, 0.1, 0.0, N * N)
+
+
+def test_a_bound_that_is_no_number_bounds_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    first = tempered_over(0)
+    monkeypatch.setattr(first_module, "into_each", lambda *_: (np.full(N, np.nan), np.ones(N)))
+    monkeypatch.setattr(first_module, "PRICES", 2)
+    found = FirstOrder(first, 0.0)
+    assert found.least == np.inf
