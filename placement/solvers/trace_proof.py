@@ -10,10 +10,10 @@ where that of known offsets ended. The diagram knows the offsets of cameras whos
 nobody else's. Bounds are lower bounds on the value; the greatest counts, and `stats["bound_from"]`
 names it.
 
-A time limit is shared out: a quarter for the search, a tenth for the relaxation (and a sixth of
-what is left where offsets persist), the rest for the diagram (and the placement, there). Without
-one the diagram stops at MOST_LABELS, and what persistent offsets make dear after DEAR_S or DEARER_S
-seconds.
+A time limit is shared out: a quarter for the search, a tenth for the relaxation (and where offsets
+persist a sixth of what is left, or half where many views meet), the rest for the diagram (and the
+placement, there). Without one the diagram stops at MOST_LABELS, and what persistent offsets make
+dear after DEAR_S or DEARER_S seconds.
 """
 
 from __future__ import annotations
@@ -44,8 +44,9 @@ EVERYWHERE = "every camera at once"
 RELAXATION = "concave relaxation"
 TOLERANCE = 1e-3
 DEAR_TOLERANCE = 0.01
-RELAXED_SHARE = 0.15  # of the time left, where offsets persist: for their relaxation,
-SWEPT_SHARE = 0.75  # then for the diagram; the rest is for the placement
+CROWDED = 0.25  # views end to end, as a share of the road: from here on many meet
+RELAXED_SHARE, RELAXED_SHARE_FEW = 0.5, 0.15  # of the time left, for persistent offsets' relaxation
+SWEPT_SHARE = 0.75  # of what is then left, for their diagram; the rest is for the placement
 
 
 def solve_trace_proof(problem: Problem, run: Run) -> Proposal:
@@ -97,7 +98,8 @@ class TraceProof:
         if self.problem.constraints.budget == 0 or run.out_of_time():
             return not run.out_of_time()
         if proof.persistent:
-            relaxing = RELAXED_SHARE * run.remaining()
+            share = RELAXED_SHARE if self._crowded() else RELAXED_SHARE_FEW
+            relaxing = share * run.remaining()
             with shortened(run, max(relaxing, 0.1) if limited else DEARER_S):
                 self._relax_truly(x)
             if max(self.stats["bounds"].values()) >= (1.0 - OPTIMAL_GAP) * proof.true_value:
@@ -121,6 +123,14 @@ class TraceProof:
             self._bounded(proof.stats()["bound_from"], proof.bound)
             return not run.out_of_time()
         return finished
+
+    def _crowded(self) -> bool:
+        """Say whether so many cameras' views meet that the diagram will know most offsets."""
+        information = cast("Trace", self.problem.objective).drives[0].information
+        seen = np.diff(information.indptr)
+        typical = float(np.median(seen[seen > 0])) if seen.any() else 0.0
+        budget = self.problem.constraints.budget
+        return bool(budget * typical >= CROWDED * information.n_samples)
 
     def _search(self) -> None:
         """Search for a placement; offer what is found."""
