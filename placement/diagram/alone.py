@@ -23,8 +23,10 @@ from models.geometry import BoolArray, FloatArray, IntArray
 from placement.diagram.arrays import FULL
 from placement.diagram.extension import deposit
 from placement.diagram.merging import row
+from placement.diagram.moves import TWINS
 from placement.objectives.navigation_chain import Drive
-from placement.objectives.windows.filter import parallel, predict
+from placement.objectives.windows.entropy import covariance_across
+from placement.objectives.windows.filter import predict
 from placement.objectives.windows.offsets import enter_state, views_of
 from placement.tempered.crossings import learn, predict_wide, work_space
 
@@ -105,6 +107,7 @@ def _run(f, q, base, views, entry, stop, begin, known, out):  # type: ignore[no-
     none = np.zeros((1, 2, 0), np.float32)
     certain = np.zeros((1, 2, p), np.float32)
     here, white = np.empty((1, 3), np.float64), np.empty((1, views.white.shape[1]), np.float32)
+    frames = (1.0 + TWINS) * views.frames  # where others may be stood in for
     n = enter_state(m, n, p, 1.0)
     phi[3:n] = 0.0
     for x in range(out.shape[0]):
@@ -117,7 +120,7 @@ def _run(f, q, base, views, entry, stop, begin, known, out):  # type: ignore[no-
         if entry < stop and views.indices[entry] == t:
             if known:
                 white[0] = views.white[entry]
-                learn(m, n, 3, phi, told, white, certain, views.frames, 0, 1.0, u, v)
+                learn(m, n, 3, phi, told, white, certain, frames, 0, 1.0, u, v)
             else:
                 learn(
                     m, n, 3, phi, told, views.white, views.offsets, views.frames, entry, 1.0, u, v
@@ -129,29 +132,6 @@ def _run(f, q, base, views, entry, stop, begin, known, out):  # type: ignore[no-
         out[x, 9:15] = told
         out[x, 15], out[x, 16], out[x, 17] = m[0, 0], m[0, 1], m[0, 2]
         out[x, 18], out[x, 19], out[x, 20] = m[1, 1], m[1, 2], m[2, 2]
-
-
-@njit(cache=True, inline="always")
-def covariance_after(p, r):  # type: ignore[no-untyped-def]
-    """Return A (P⁻¹ + M)⁻¹ Aᵀ + R (6,) of one row `r` (COLUMNS,)."""
-    b = parallel(p, (r[9], r[10], r[11], r[12], r[13], r[14]))
-    x0 = r[0] * b[0] + r[1] * b[1] + r[2] * b[2]
-    x1 = r[0] * b[1] + r[1] * b[3] + r[2] * b[4]
-    x2 = r[0] * b[2] + r[1] * b[4] + r[2] * b[5]
-    y0 = r[3] * b[0] + r[4] * b[1] + r[5] * b[2]
-    y1 = r[3] * b[1] + r[4] * b[3] + r[5] * b[4]
-    y2 = r[3] * b[2] + r[4] * b[4] + r[5] * b[5]
-    z0 = r[6] * b[0] + r[7] * b[1] + r[8] * b[2]
-    z1 = r[6] * b[1] + r[7] * b[3] + r[8] * b[4]
-    z2 = r[6] * b[2] + r[7] * b[4] + r[8] * b[5]
-    return (
-        x0 * r[0] + x1 * r[1] + x2 * r[2] + r[15],
-        x0 * r[3] + x1 * r[4] + x2 * r[5] + r[16],
-        x0 * r[6] + x1 * r[7] + x2 * r[8] + r[17],
-        y0 * r[3] + y1 * r[4] + y2 * r[5] + r[18],
-        y0 * r[6] + y1 * r[7] + y2 * r[8] + r[19],
-        z0 * r[6] + z1 * r[7] + z2 * r[8] + r[20],
-    )
 
 
 @njit(cache=True)
@@ -174,7 +154,7 @@ def extend_by_one(t, m, first, kept, road, alone, after_moves, rules, table, sto
         for v in range(at[t], at[t + 1]):
             paid, q = price, p
             for e in range(ptr[v], ptr[v + 1]):
-                q = covariance_after(p, rows[e])
+                q = covariance_across(p, rows[e])
                 paid += w_tt * q[0] + w_nn * q[3]
             stop = t + ptr[v + 1] - ptr[v]
             if stop < t_end:

@@ -65,8 +65,10 @@ class PricedDiagram:
         `persistent`: as for `Diagram`.
 
         Raises:
-            ValueError: if most views are too long.
+            ValueError: if most views are too long, or fewer than two may join at one sample.
         """
+        if together < 2:
+            raise ValueError(f"together must be at least 2, got {together}")
         self.drive = drive
         self.price = price
         self.counts = max(1, min(most, together, 1 + int(starting.max(initial=0))))

@@ -3,7 +3,7 @@
 A *label* at (t, m) stands for every partial placement of m cameras whose clusters end before
 sample t: `cost`, at most the sum of tr(W P) so far, and P, below their covariance at t before its
 measurements. It is extended by waiting, and by every camera that starts at t, alone
-(`diagram.extension`) or with others (`diagram.clusters`).
+(`diagram.extension`, `diagram.alone`) or with others (`diagram.clusters`).
 
 Labels that meet are thinned (`diagram.merging`): one that another dominates (cost and P no
 greater) is dropped, and near ones are merged into the lesser cost and a Loewner lower bound of

@@ -6,8 +6,8 @@
 
 Persistent offsets make every look at an objective dear, so there the search is over cameras whose
 offsets are known, and its placement is polished with them unknown; the relaxation begins likewise
-where that of known offsets ended. The diagram knows the offsets of cameras whose views meet, and
-nobody else's. Bounds are lower bounds on the value; the greatest counts, and `stats["bound_from"]`
+where that of known offsets ended. The diagram knows the offsets of cameras whose views meet, and of
+required ones. Bounds are lower bounds on the value; the greatest counts, and `stats["bound_from"]`
 names it.
 
 A time limit is shared out: a quarter for the search, a tenth for the relaxation (and where offsets
@@ -44,7 +44,7 @@ EVERYWHERE = "every camera at once"
 RELAXATION = "concave relaxation"
 TOLERANCE = 1e-3
 DEAR_TOLERANCE = 0.01
-CROWDED = 0.25  # views end to end, as a share of the road: from here on many meet
+CROWDED = 0.5  # views end to end, as a share of the road: from here on many meet
 RELAXED_SHARE, RELAXED_SHARE_FEW = 0.5, 0.15  # of the time left, for persistent offsets' relaxation
 SWEPT_SHARE = 0.75  # of what is then left, for their diagram; the rest is for the placement
 
@@ -118,11 +118,10 @@ class TraceProof:
             finished = proof.refine()
         self._bounded(proof.stats()["bound_from"], proof.bound)
         self.stats["sweeps"] = proof.sweeps
-        if proof.persistent and limited and proof.bound < (1.0 - OPTIMAL_GAP) * proof.true_value:
+        unproven = max(self.stats["bounds"].values()) < (1.0 - OPTIMAL_GAP) * proof.true_value
+        if proof.persistent and limited and unproven:
             self._rearrange()
-            self._bounded(proof.stats()["bound_from"], proof.bound)
-            return not run.out_of_time()
-        return finished
+        return finished and not run.out_of_time()
 
     def _crowded(self) -> bool:
         """Say whether so many cameras' views meet that the diagram will know most offsets."""

@@ -96,10 +96,9 @@ def window_gains(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, inline="always")
-def cross_block(p, m):  # type: ignore[no-untyped-def]
-    """Return A (P⁻¹ + Γ)⁻¹ Aᵀ + C (6,) and Σ log det(I + P_t J_t) over the block."""
-    g = (m[9], m[10], m[11], m[12], m[13], m[14])
-    x0, x1, x2, x3, x4, x5 = parallel(p, g)
+def covariance_across(p, m):  # type: ignore[no-untyped-def]
+    """Return A (P⁻¹ + Γ)⁻¹ Aᵀ + C (6,) for the first 21 numbers of a block."""
+    x0, x1, x2, x3, x4, x5 = parallel(p, (m[9], m[10], m[11], m[12], m[13], m[14]))
     a0, a1, a2, a3, a4, a5, a6, a7, a8 = m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8]
     u0, u1, u2 = a0 * x0 + a1 * x1 + a2 * x2, a0 * x1 + a1 * x3 + a2 * x4, 0.0
     u2 = a0 * x2 + a1 * x4 + a2 * x5
@@ -107,7 +106,7 @@ def cross_block(p, m):  # type: ignore[no-untyped-def]
     v2 = a3 * x2 + a4 * x4 + a5 * x5
     w0, w1, w2 = a6 * x0 + a7 * x1 + a8 * x2, a6 * x1 + a7 * x3 + a8 * x4, 0.0
     w2 = a6 * x2 + a7 * x4 + a8 * x5
-    crossed = (
+    return (
         u0 * a0 + u1 * a1 + u2 * a2 + m[15],
         u0 * a3 + u1 * a4 + u2 * a5 + m[16],
         u0 * a6 + u1 * a7 + u2 * a8 + m[17],
@@ -115,7 +114,13 @@ def cross_block(p, m):  # type: ignore[no-untyped-def]
         v0 * a6 + v1 * a7 + v2 * a8 + m[19],
         w0 * a6 + w1 * a7 + w2 * a8 + m[20],
     )
-    return crossed, log_det_plus(p, g) + m[21]
+
+
+@njit(cache=True, inline="always")
+def cross_block(p, m):  # type: ignore[no-untyped-def]
+    """Return A (P⁻¹ + Γ)⁻¹ Aᵀ + C (6,) and Σ log det(I + P_t J_t) over the block."""
+    g = (m[9], m[10], m[11], m[12], m[13], m[14])
+    return covariance_across(p, m), log_det_plus(p, g) + m[21]
 
 
 @njit(cache=True)
