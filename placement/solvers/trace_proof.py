@@ -44,7 +44,7 @@ EVERYWHERE = "every camera at once"
 RELAXATION = "concave relaxation"
 TOLERANCE = 1e-3
 DEAR_TOLERANCE = 0.01
-CROWDED = 0.5  # views end to end, as a share of the road: from here on many meet
+CROWDED = 0.5  # all drives' views end to end, as a share of the road: from here on it is much
 RELAXED_SHARE, RELAXED_SHARE_FEW = 0.5, 0.15  # of the time left, for persistent offsets' relaxation
 SWEPT_SHARE = 0.75  # of what is then left, for their diagram; the rest is for the placement
 
@@ -124,12 +124,13 @@ class TraceProof:
         return finished and not run.out_of_time()
 
     def _crowded(self) -> bool:
-        """Say whether so many cameras' views meet that the diagram will know most offsets."""
-        information = cast("Trace", self.problem.objective).drives[0].information
+        """Say whether views meet so often, or drives are so many, that diagrams take too long."""
+        drives = cast("Trace", self.problem.objective).drives
+        information = drives[0].information
         seen = np.diff(information.indptr)
         typical = float(np.median(seen[seen > 0])) if seen.any() else 0.0
         budget = self.problem.constraints.budget
-        return bool(budget * typical >= CROWDED * information.n_samples)
+        return bool(len(drives) * budget * typical >= CROWDED * information.n_samples)
 
     def _search(self) -> None:
         """Search for a placement; offer what is found."""
