@@ -45,19 +45,17 @@ class Alone(NamedTuple):
     rows: FloatArray  # (n, COLUMNS)
 
 
-def nobody_alone() -> Alone:
-    """Return that cameras alone are moves like any other."""
-    none = np.empty(0, dtype=np.int64)
-    return Alone(none, none, np.zeros(1, dtype=np.int64), np.empty((0, COLUMNS)))
-
-
-def alone_moves(drive: Drive, usable: BoolArray, base: FloatArray, longest: int) -> Alone:
+def alone_moves(drive: Drive | None, usable: BoolArray, base: FloatArray, longest: int) -> Alone:
     """Lay out the `usable` (c,) cameras of a drive that see something, each by itself.
 
+    Without a drive whose offsets persist nobody is: cameras alone are moves like any other.
     `base` (t, 3) is the information that every placement has. Of a view longer than `longest`
     samples only the head is a move; what it sees beyond is given to everybody with its offset
     known, so here it is known, too.
     """
+    if drive is None:
+        none = np.empty(0, dtype=np.int64)
+        return Alone(none, none, np.zeros(1, dtype=np.int64), np.empty((0, COLUMNS)))
     views = views_of(drive)
     first, last, stop = _spans(views.indptr, views.indices, longest)
     cameras = np.flatnonzero(usable & (last >= 0))

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from models.geometry import BoolArray, FloatArray, IntArray
-from placement.diagram.alone import alone_moves, nobody_alone
+from placement.diagram.alone import alone_moves
 from placement.diagram.arrays import Rules, empty_table
 from placement.diagram.layout import lay_moves, longest_view, road_above, views_of
 from placement.diagram.moves import floor_information
@@ -72,9 +72,7 @@ class Diagram:
         floor = drive.total(required) + floor_information(drive, usable, budget)
         self.road = road_above(drive, weight, self.base, floor, reach)
         self.views = views_of(self.moves, drive.n_samples)
-        self.alone = nobody_alone()
-        if persistent is not None:
-            self.alone = alone_moves(persistent, usable, self.base, longest_view(budget))
+        self.alone = alone_moves(persistent, usable, self.base, longest_view(budget))
         self.candidate = np.concatenate([self.moves.candidate, self.alone.candidate])
         self._forget(np.full(budget + 1, np.inf))
         self.bounds = np.full(budget + 1, float(self.road.floor_cost[-1]))

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.geometry import BoolArray, IntArray
-from placement.diagram.alone import alone_moves, nobody_alone
+from placement.diagram.alone import alone_moves
 from placement.diagram.arrays import LOOKS, Rules, empty_table
 from placement.diagram.layout import lay_moves, longest_view, road_above, views_of
 from placement.diagram.moves import floor_information
@@ -78,9 +78,7 @@ class PricedDiagram:
         self.road = road_above(drive, weight, base, floor, reach)
         beyond = np.minimum(most - self.counts, starting - (self.counts - 1))
         self.views = views_of(self.moves, drive.n_samples, beyond)
-        self.alone = nobody_alone()
-        if persistent is not None:
-            self.alone = alone_moves(persistent, usable, base, longest_view(most))
+        self.alone = alone_moves(persistent, usable, base, longest_view(most))
         self.candidate = np.concatenate([self.moves.candidate, self.alone.candidate])
         self.bound = float(self.road.floor_cost[-1])
         self.threshold = np.inf

@@ -115,6 +115,11 @@ class FirstOrder:
         return arcs
 
     @property
+    def kept(self) -> ArcsOut:
+        """Return the arcs that are left, where they are not too many."""
+        return ArcsOut(self.near.out_of, self.near.target)
+
+    @property
     def arcs(self) -> int:
         """Return how many arcs are left; more than `most` where they are too many."""
         return self.most + 1 if self.too_many else len(self.near.target)
@@ -130,16 +135,13 @@ class FirstOrder:
 
     def beyond_at(self, price: float) -> FloatArray:
         """Return the most that may follow each camera (n,) at another price, along arcs left."""
-        arcs = ArcsOut(self.near.out_of, self.near.target)
-        found: FloatArray = beyond_each(arcs, self.gain, self.first.ends, price)
+        found: FloatArray = beyond_each(self.kept, self.gain, self.first.ends, price)
         return found
 
     def left(self) -> Line:
         """Return the line over the arcs that are left."""
         line = self.first.line
-        if self.too_many:
-            return line
-        return replace(line, arcs=ArcsOut(self.near.out_of, self.near.target))
+        return line if self.too_many else replace(line, arcs=self.kept)
 
     def bound(self) -> float:
         """Return an upper bound on all placements of the line, but those not above `beat`."""

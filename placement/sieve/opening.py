@@ -36,6 +36,7 @@ class View(NamedTuple):
     alone: FloatArray
     extra: FloatArray
     weight: float
+    most: FloatArray  # (n,) what each gains at most, with its weight
     group: IntArray  # (n,) and past which position nobody may follow
     stop: IntArray
     met_at: IntArray  # (n + 1,) gains given each camera, of the next one, the one after it, …
@@ -65,7 +66,8 @@ class Opening:
         line = first.line
         met_at = _places_of_meetings(d.narrow)
         met = np.full(int(met_at[-1]), np.nan, dtype=np.float32)
-        view = View(d.rows, d.piece, d.extra, d.weight, line.group, line.stop, met_at, met)
+        most = d.weight * (d.piece + d.extra) * MORE + 1e-8
+        view = View(d.rows, d.piece, d.extra, d.weight, most, line.group, line.stop, met_at, met)
         self._first = first
         self._seen = d.process, d.narrow, view
         self._buffer = np.empty((BATCH, line.candidate.size), dtype=np.float32)
@@ -142,9 +144,13 @@ def _fill_row(a, process, cameras, rows, alone, extra, weight, arcs, found):  # 
         wanted[arcs.target[e]] = True
     gains_given(a, process, cameras, rows, alone, extra, wanted, stop, gains)
     for e in range(begin, end):
-        b = arcs.target[e]
-        if cameras.last[b] >= 0:
-            found[e] = rounded_up(weight * gains[b])
+        found[e] = _stored(cameras, weight, gains, arcs.target[e])
+
+
+@njit(cache=True, inline="always")
+def _stored(cameras, weight, gains, b):  # type: ignore[no-untyped-def]
+    """Return b's gain as it is kept; the blind gain nothing, not even by rounding."""
+    return rounded_up(weight * gains[b]) if cameras.last[b] >= 0 else np.float32(0.0)
 
 
 @njit(cache=True)
@@ -225,9 +231,8 @@ def _ask(a, low, high, process, cameras, view, now, more, need, wanted, gains, r
     meeting = view.met[view.met_at[a] : view.met_at[a + 1]]  # of a + 1 and those behind it
     for b in range(low, high):
         row[b] = -np.inf
-        if now + (view.weight * (view.alone[b] + view.extra[b]) * MORE + 1e-8) + more[
-            b
-        ] >= need and may_follow(view.group, view.stop, a, b):
+        enough = now + view.most[b] + more[b] >= need
+        if enough and may_follow(view.group, view.stop, a, b):
             place = b - a - 1
             if place < meeting.size and meeting[place] == meeting[place]:
                 row[b] = meeting[place]
@@ -238,7 +243,7 @@ def _ask(a, low, high, process, cameras, view, now, more, need, wanted, gains, r
     gains_given(a, process, cameras, view.rows, view.alone, view.extra, wanted, high, gains)
     for b in range(low, high):
         if wanted[b]:
-            row[b] = rounded_up(view.weight * gains[b]) if cameras.last[b] >= 0 else np.float32(0.0)
+            row[b] = _stored(cameras, view.weight, gains, b)
             wanted[b] = False
             if b - a - 1 < meeting.size:
                 meeting[b - a - 1] = row[b]

@@ -184,6 +184,6 @@ class Sieve:
         first, near = self.first, self.near
         least = first.threshold(beat) - first.budget * self.price
         good = self.values + self.behind >= least
-        source = np.repeat(np.arange(len(first.alone)), np.diff(near.out_of))
+        source = self.order.kept.source
         single = first.alone - self.price + first.ends >= least
         return first.line.over_arcs(source[good], near.target[good], single)

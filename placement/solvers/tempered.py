@@ -32,7 +32,7 @@ from placement.solvers.exchange import polish
 from placement.solvers.greedy import climb
 from placement.solvers.incumbent import Incumbent
 from placement.tempered.background import Background, background_of, chains_of, stand_in
-from placement.tempered.bound import SecondOrder, Tempered
+from placement.tempered.bound import SecondOrder, Tempered, room_for_pairs
 from placement.tempered.diagram import Diagram
 from placement.tempered.dominance import undominated
 from placement.tempered.line import Line, make_line
@@ -60,7 +60,6 @@ LONGER_SHARE = 0.6  # the same once it bounds within PROMISING of the score
 PROMISING = 0.02
 SPLIT_WITHIN = 0.005  # of the score: a relaxation as near as this is branched on,
 SPLIT_SHARE = 0.8  # for this share of the time left: chains come nowhere near it
-MOST_PAIRS = 5e8  # bytes of a table of first-order gains; a line longer than 11,000 needs sieves
 MOST_TRIPLES = 250_000_000  # second-order gains held at one time: 1 GB
 
 
@@ -395,8 +394,3 @@ class Proof(Incumbent):
     def _left(self, line: Line) -> None:
         self.stats["candidates_left"] = int(line.candidate.size)
         self.stats["arcs_left"] = line.n_arcs
-
-
-def room_for_pairs(n: int) -> bool:
-    """Say whether there is room for a table of the gains of n cameras given another."""
-    return 4.0 * n * n <= MOST_PAIRS

@@ -50,6 +50,7 @@ ROWS = 128  # of gains between two looks at the clock
 TRIPLES = 500_000  # the same
 ARC_WORK = 50  # gains that take as long as one arc
 TRIPLE_S = 6e-5  # seconds for three windows that meet, with offsets
+MOST_PAIRS = 5e8  # bytes of a table of first-order gains; a line longer than 11,000 needs sieves
 TRIPLE_SHARE = 0.15  # of the time left that those may take
 
 
@@ -178,6 +179,11 @@ class Tempered:
     def ends(self) -> FloatArray:
         """Return 0 for each position (n,) where a path may end, −∞ where not."""
         return self.line.ends
+
+
+def room_for_pairs(n: int) -> bool:
+    """Say whether there is room for a table of the gains of n cameras given another."""
+    return 4.0 * n * n <= MOST_PAIRS
 
 
 class SecondOrder:

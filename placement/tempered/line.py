@@ -50,7 +50,7 @@ class Line:
         arcs = None if self.arcs is None else _between(self.arcs, keep)
         return Line(self.candidate[keep], self.group[keep], self.required[keep], arcs)
 
-    def over_arcs(self, source: IntArray, target: NDArray[Any], single: BoolArray) -> Line:
+    def over_arcs(self, source: NDArray[Any], target: NDArray[Any], single: BoolArray) -> Line:
         """Return the line over arcs `source` → `target`, and cameras that may be alone, (n,)."""
         n = self.candidate.size
         kept = self.required | single
@@ -135,7 +135,7 @@ def make_line(objective: Entropy, constraints: Constraints, candidates: IntArray
     return Line(ordered, constraints.group[ordered], np.isin(ordered, constraints.required))
 
 
-def arcs_out(n: int, source: IntArray, target: NDArray[Any]) -> ArcsOut:
+def arcs_out(n: int, source: NDArray[Any], target: NDArray[Any]) -> ArcsOut:
     """Lay out the arcs `source` → `target` (m,) between n cameras, given by source or by target."""
     counts = np.bincount(source, minlength=n)
     if np.any(np.diff(source) < 0):

@@ -20,8 +20,7 @@ from placement.sieve.first import FirstOrder, into_each
 from placement.sieve.opening import Opening, gains_along
 from placement.sieve.sieve import Sieve
 from placement.solve import solve
-from placement.solvers import tempered
-from placement.tempered import pieces
+from placement.tempered import bound, pieces
 from placement.tempered.background import background_of, chains_of
 from placement.tempered.bound import Tempered
 from placement.tempered.line import ArcsOut, Line, make_line
@@ -168,7 +167,7 @@ def test_a_line_too_long_for_a_table_is_proven_by_sieves(
     whole = solve(problem, "tempered")
     monkeypatch.setattr(first_module, "MANY", 50)
     monkeypatch.setattr(first_module, "THINNED", 40)
-    monkeypatch.setattr(tempered, "MOST_PAIRS", 4.0 * 100**2)
+    monkeypatch.setattr(bound, "MOST_PAIRS", 4.0 * 100**2)
     long = solve(problem, "tempered", time_limit_s=60.0)
     assert whole.bound is not None
     assert long.bound is not None
