@@ -26,7 +26,7 @@ from placement.diagram.merging import row
 from placement.diagram.moves import TWINS
 from placement.objectives.navigation_chain import Drive
 from placement.objectives.windows.entropy import covariance_across
-from placement.objectives.windows.filter import predict
+from placement.objectives.windows.filter import parallel_far, predict
 from placement.objectives.windows.offsets import enter_state, views_of
 from placement.tempered.crossings import learn, predict_wide, work_space
 
@@ -132,6 +132,12 @@ def _run(f, q, base, views, entry, stop, begin, known, out):  # type: ignore[no-
         out[x, 18], out[x, 19], out[x, 20] = m[1, 1], m[1, 2], m[2, 2]
 
 
+@njit(cache=True, inline="always")
+def covariance_after(p, r):  # type: ignore[no-untyped-def]
+    """Return A (P⁻¹ + M)⁻¹ Aᵀ + R (6,) of one row `r` (COLUMNS,)."""
+    return covariance_across(parallel_far(p, (r[9], r[10], r[11], r[12], r[13], r[14])), r)
+
+
 @njit(cache=True)
 def extend_by_one(t, m, first, kept, road, alone, after_moves, rules, table, storage):  # type: ignore[no-untyped-def]
     """Extend labels first…first + kept − 1, of m cameras at t, by each camera alone from t on.
@@ -152,7 +158,7 @@ def extend_by_one(t, m, first, kept, road, alone, after_moves, rules, table, sto
         for v in range(at[t], at[t + 1]):
             paid, q = price, p
             for e in range(ptr[v], ptr[v + 1]):
-                q = covariance_across(p, rows[e])
+                q = covariance_after(p, rows[e])
                 paid += w_tt * q[0] + w_nn * q[3]
             stop = t + ptr[v + 1] - ptr[v]
             if stop < t_end:

@@ -27,7 +27,7 @@ from numba import njit
 
 from models.geometry import FloatArray, IntArray
 from placement.objectives.navigation_chain import Drive
-from placement.objectives.windows.filter import parallel, put6
+from placement.objectives.windows.filter import parallel_far, put6
 from placement.tempered.pieces import LONGEST, pieces_of, restricted_entries
 from placement.tempered.process import Process, step_on
 
@@ -245,15 +245,15 @@ def _mix(steps, p0, start, f_of, information, theta, f, q, prior, known):  # typ
         plain[1, 0], plain[1, 1], plain[1, 2] = -s[1], s[0], s[3]
         plain[2, 2] = 1.0
         other[:] = f_of[t] - plain
-        left = parallel(noise, told)
+        left = parallel_far(noise, told)
         move = plain + _square(left) @ _square(told) @ other
-        more = other.T @ _square(parallel(told, noise)) @ other
-        put6(q, t, parallel(left, g))
+        more = other.T @ _square(parallel_far(told, noise)) @ other
+        put6(q, t, parallel_far(left, g))
         inverse[:] = np.linalg.solve(np.eye(3) + _square(left) @ _square(g), move)
         for i in range(3):
             for j in range(3):
                 f[t, 3 * i + j] = inverse[i, j]
-        more += move.T @ _square(parallel(g, left)) @ move
+        more += move.T @ _square(parallel_far(g, left)) @ move
         g = (
             more[0, 0], 0.5 * (more[0, 1] + more[1, 0]), 0.5 * (more[0, 2] + more[2, 0]),
             more[1, 1], 0.5 * (more[1, 2] + more[2, 1]), more[2, 2],
@@ -263,7 +263,7 @@ def _mix(steps, p0, start, f_of, information, theta, f, q, prior, known):  # typ
         g[3] + rest * start[1, 1], g[4] + rest * start[1, 2], g[5] + rest * start[2, 2],
     )  # fmt: skip
     known[0], known[1], known[2], known[3], known[4], known[5] = g
-    p = parallel((p0[0], p0[1], p0[2], p0[3], p0[4], p0[5]), g)
+    p = parallel_far((p0[0], p0[1], p0[2], p0[3], p0[4], p0[5]), g)
     put6(prior, 0, p)
     for t in range(1, n):
         p = step_on(p, f, q, t)

@@ -96,9 +96,9 @@ def window_gains(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, inline="always")
-def covariance_across(p, m):  # type: ignore[no-untyped-def]
-    """Return A (P⁻¹ + Γ)⁻¹ Aᵀ + C (6,) for the first 21 numbers of a block."""
-    x0, x1, x2, x3, x4, x5 = parallel(p, (m[9], m[10], m[11], m[12], m[13], m[14]))
+def covariance_across(x, m):  # type: ignore[no-untyped-def]
+    """Return A X Aᵀ + C (6,) for the first 21 numbers of a block; X is (P⁻¹ + Γ)⁻¹."""
+    x0, x1, x2, x3, x4, x5 = x
     a0, a1, a2, a3, a4, a5, a6, a7, a8 = m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8]
     u0, u1, u2 = a0 * x0 + a1 * x1 + a2 * x2, a0 * x1 + a1 * x3 + a2 * x4, 0.0
     u2 = a0 * x2 + a1 * x4 + a2 * x5
@@ -120,7 +120,7 @@ def covariance_across(p, m):  # type: ignore[no-untyped-def]
 def cross_block(p, m):  # type: ignore[no-untyped-def]
     """Return A (P⁻¹ + Γ)⁻¹ Aᵀ + C (6,) and Σ log det(I + P_t J_t) over the block."""
     g = (m[9], m[10], m[11], m[12], m[13], m[14])
-    return covariance_across(p, m), log_det_plus(p, g) + m[21]
+    return covariance_across(parallel(p, g), m), log_det_plus(p, g) + m[21]
 
 
 @njit(cache=True)

@@ -7,9 +7,8 @@ import pytest
 
 from benchmarks.synthetic_drives import CAR, ROBOT, random_drive
 from models.geometry import FloatArray
-from placement.diagram.alone import alone_moves
+from placement.diagram.alone import alone_moves, covariance_after
 from placement.objectives.navigation_chain import Drive
-from placement.objectives.windows.entropy import covariance_across
 
 UPPER = np.triu_indices(3)
 
@@ -88,7 +87,7 @@ def test_a_view_as_one_map_is_the_filter_with_the_offsets_as_states(
             rows = alone.rows[alone.ptr[v] : alone.ptr[v + 1]]
             assert len(want) == len(rows)
             for cov, row in zip(want, rows, strict=True):
-                got = np.array(covariance_across(tuple(p[UPPER]), row))
+                got = np.array(covariance_after(tuple(p[UPPER]), row))
                 # heads of longer views may stand in for others, and are better by a hair
                 hair = 1e-7 if longest == 24 else 5e-6
                 assert got == pytest.approx(cov[UPPER], rel=10.0 * hair, abs=hair * np.trace(cov))
@@ -109,7 +108,7 @@ def test_the_map_is_monotone_and_no_more_than_proportional() -> None:
             more = p + any_covariance(rng)
             share = rng.uniform(0.1, 1.0)
             after, larger, less = (
-                np.array(covariance_across(tuple(q[UPPER]), row)) for q in (p, more, share * p)
+                np.array(covariance_after(tuple(q[UPPER]), row)) for q in (p, more, share * p)
             )
             for lower, upper in ((after, larger), (share * after, less)):
                 difference = np.zeros((3, 3))
